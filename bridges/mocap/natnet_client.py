@@ -33,9 +33,9 @@ SILENCE_NS = 3 * NS_PER_S
 REPORT_NS = 10 * NS_PER_S
 """Time for which a fault is reported after it was last seen."""
 MAX_FRAME_AGE_S = 2.0
-"""Age at which a frame is none of now: Motive plays a recording."""
+"""Age from which a frame is not current: Motive plays a recording."""
 MAX_FUTURE_S = 0.5
-"""Time by which a frame may seem to be of the future, s."""
+"""Time by which a frame may seem to be ahead, s."""
 USB_LATENCY_SIGMA_S = 0.005
 """1 sigma of the time of exposure if the server states only the time of sending, s."""
 
@@ -59,7 +59,7 @@ class ServerClock:
     """Offset between a server's clock and the site's. The echo with the smallest uncertainty counts."""
 
     def __init__(self, clock_hz: int) -> None:
-        """Begin without an offset. `clock_hz`: ticks per second."""
+        """Start without an offset. `clock_hz`: ticks per second."""
         self._ns_per_tick = NS_PER_S / clock_hz
         self._echoes: deque[_Echo] = deque(maxlen=MAX_ECHOES)
         self.steps = 0
@@ -73,7 +73,7 @@ class ServerClock:
         offset_ns = ticks * self._ns_per_tick - middle_ns
         echo = _Echo(offset_ns, (received_ns - sent_ns) / 2, received_ns)
 
-        # Half a round trip bounds the error of each: further apart, both are right, of different clocks
+        # Half a round trip bounds the error of each: two that are further apart are of different clocks
         best = self._best(received_ns)
         if best is not None:
             apart_ns = abs(echo.offset_ns - best.offset_ns)
@@ -109,7 +109,7 @@ class NatNetSession:
         self._last: MocapFrame | None = None
         self._since_ns = 0
         self._asked_ns = 0
-        """Time at which the last echo was asked for."""
+        """Time of the last request for an echo."""
         self._packet_ns = 0
         self._arrived_ns = 0
         """Arrival of the last frame, also of one that is not used."""
@@ -159,7 +159,7 @@ class NatNetSession:
             self._faults["damage"] = sentence, now_ns
 
     def receive_unknown(self, data: bytes, address: str, now_ns: int) -> None:
-        """Note a packet of another machine. It is not used, since anybody can send one."""
+        """Record a packet of another machine. It is not used, since anybody can send one."""
         frame_head = natnet_packets.packet(natnet_packets.FRAME)[:2]
         if data[:2] == frame_head:
             advice = "end that server or give it another port, or name it as `server`"
@@ -354,7 +354,7 @@ class NatNetClient(asyncio.DatagramProtocol):
             self._changed.set()
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore an answer that nobody listens: the session reports the silence."""
+        """Ignore the answer that nobody listens: the session reports the silence."""
 
     async def _receive(self) -> None:
         # The server, which sends from any of its addresses if it is this machine

@@ -38,7 +38,7 @@ OCCLUDED = 1
 MODEL_FILLED = 4
 """Bit of a labelled marker's flags: it is computed by the model."""
 MAX_VERSION = (4, 1)
-"""Version that unicast servers are asked for. Others were never seen."""
+"""Version that is requested of unicast servers. Later ones were never seen."""
 SIZED = (4, 1)
 """Version since which sections state their sizes."""
 SUFFIX_BYTES = 54
@@ -88,7 +88,7 @@ class PacketReader:
     """Reads values one after another."""
 
     def __init__(self, data: bytes, at: int = 0) -> None:
-        """Begin at byte `at`."""
+        """Start at byte `at`."""
         self.data = data
         self.at = at
 

@@ -10,7 +10,7 @@ from pointit.forearm.true_pose import PERSON, PERSON_FRAME, PoseError, TruePose
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
 MAX_HEAD_AGE_NS = NS_PER_S // 2
-"""Age at which a head's position is none of now."""
+"""Age from which a head's position is not current."""
 TRUE_HEAD_NS = NS_PER_S // 20
 """Time before the newest frame at which a head that is not in it is no truth of that frame, ns."""
 HEAD_SIGMA_M = 0.02
@@ -127,7 +127,7 @@ class WornBodies:
             if is_missing:
                 continue
 
-            # Their yaw is that of {H} only where it is published as the truth
+            # Only the truth has a yaw here, that of {H}
             kind = PERSON
             yaw_rad = None
             if yaw is not None:

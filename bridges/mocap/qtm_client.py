@@ -52,17 +52,17 @@ RETRY_S = 2.0
 QTM_TIMEOUT_S = 5.0
 """Timeout of a connection or an answer, s."""
 POLL_S = 1.0
-"""Period at which settings that have changed are asked for, s."""
+"""Period of requests for settings that have changed, s."""
 PROBE_S = 5.0
 """Time without packets after which the server is asked whether it is there, s."""
 MAX_PACKET = 1 << 20
 """Limit of the size of a packet. Settings have some hundred kilobytes."""
 MAX_COMPONENTS = 32
-"""Limit of the components of a frame. One is asked for, and QTM has 19 kinds."""
+"""Limit of the components of a frame. One is requested, and QTM has 19 kinds."""
 MAX_ROUND_PACKETS = 256
 """Number of packets that are used before others get their turn, at most one frame among them."""
 RATE = "frequency:100"
-"""Frames that are asked for. Cameras with a higher rate would only cost time."""
+"""Frames that are requested. Cameras with a higher rate would only cost time."""
 _HEADER = struct.Struct("<II")
 _COMPONENTS_AT = 12
 _BODY = struct.Struct("<13f")
@@ -84,7 +84,7 @@ class QtmSession:
         self.damaged = 0
         """Number of packets that could not be read."""
         self.are_settings_stale = True
-        """True if the names of the bodies must be asked for."""
+        """True if the names of the bodies must be requested."""
         self._on_frame = on_frame
         self._names: tuple[str, ...] = ()
         self._up = ""
@@ -100,7 +100,7 @@ class QtmSession:
         self._frame_fault = ""
 
     def restart(self, now_ns: int, *, is_connected: bool) -> None:
-        """Begin or end a connection."""
+        """Start or end a connection."""
         self._is_connected = is_connected
         self._is_playback = False
         self._since_ns = now_ns
@@ -161,7 +161,7 @@ class QtmSession:
         return ""
 
     def clock_sigma_s(self, now_ns: int) -> float | None:  # noqa: ARG002 - as of NatNet
-        """Return None: QTM tells no clock."""
+        """Return None: QTM states no clock."""
         return None
 
     def receive(self, time_us: int, bodies: Sequence[Body6D], now_ns: int) -> None:
@@ -173,7 +173,7 @@ class QtmSession:
         if is_restarted:
             self._delays.clear()
 
-        # Delays are followed even while frames are not used
+        # Delays are updated even while frames are not used
         fault = self._fault(len(bodies), is_repeated=is_repeated)
         stamp_ns, late_ns = self._stamp(time_us, now_ns)
         if not fault and late_ns > MAX_LATE_NS:
@@ -309,7 +309,7 @@ class QtmClient(asyncio.Protocol):
             await asyncio.sleep(RETRY_S)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Prepare for the packets of a new connection."""
         self._packets = bytearray()
         self._is_waiting = False
         self._transport = transport
@@ -419,7 +419,7 @@ class QtmClient(asyncio.Protocol):
         self._session.restart(self._now_ns(), is_connected=True)
         self._warn("")
 
-        # State and names before the first frame, which cannot be used without
+        # State and names come before the first frame, which cannot be used without them
         await self._protocol.send_command("getstate", callback=False)
         await self._update_settings(connection)
         self._is_starting = True
@@ -430,7 +430,7 @@ class QtmClient(asyncio.Protocol):
         finally:
             self._is_starting = False
 
-        # Frames come by `data_received`; a silent server is asked, since TCP tells of no pulled cable
+        # Frames come by `data_received`. A silent server is probed: TCP does not report a pulled cable
         idle_s = 0.0
         while not self._end.is_set():
             await wait_up_to(self._end, POLL_S)
@@ -476,7 +476,7 @@ async def find_servers(
 
 
 def discovery_packet(port: int) -> bytes:
-    """Return the request of which the answer comes to `port`."""
+    """Return the request whose answer comes to `port`."""
     request = _HEADER.pack(_HEADER.size + 2, _DISCOVERY)
     return request + port.to_bytes(2, "big")
 

@@ -49,7 +49,7 @@ class Mocap(Service[MocapConfig]):
             warn=lambda problem: self.bus.warn("network", problem),
         )
 
-        # The newest frame, and what was published of it
+        # The newest frame, and what was published from it
         self._frame: Frame | None = None
         self._stamp_ns = 0
         """Time of the newest frame."""
@@ -61,7 +61,7 @@ class Mocap(Service[MocapConfig]):
         self._shown_bodies = set[str]()
         """Names of the metrics of bodies."""
 
-        # As the truth they are objects, and no poses are published
+        # As ground truth people are objects, and no poses are published
         self._objects = self.bus.publisher(OBJECTS, config.tracker)
         self._poses: dict[str, Publisher[UserPose]] = {}
         if not config.truth:

@@ -29,7 +29,7 @@ SINGLE: tuple[SourceType, ...] = (
     "nav_msgs/Odometry",
     "tf",
 )
-"""Types of which a topic is about one object."""
+"""Types of topics that are about one object each."""
 
 MAX_ROS_USERS = 100
 """Maximum number of ROS-only users; each has a ray, and a check four times a second."""

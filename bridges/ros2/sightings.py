@@ -1,6 +1,6 @@
 """Sightings: positions of objects in messages of ROS, each by the chain of transforms of its frame. Pure.
 
-Unlike tf2 it does not interpolate: of each frame the newest transform counts, and an old one is refused.
+Unlike tf2 it does not interpolate: the newest transform of each frame counts, and an old one is rejected.
 """
 
 import math
@@ -189,12 +189,12 @@ def is_newer(stamp_ns: int | None, before_ns: int | None) -> bool:
     return not 0 < before_ns - stamp_ns < NS_PER_S
 
 
-def yaw(turned: Quaternion) -> float:
+def yaw(orientation: Quaternion) -> float:
     """Return the azimuth of the x axis, rad; of a steep one, that of the y axis less 90°."""
-    x_axis = rotation.rotate(turned, (1.0, 0.0, 0.0))
+    x_axis = rotation.rotate(orientation, (1.0, 0.0, 0.0))
     if math.hypot(x_axis[0], x_axis[1]) > 1e-3:
         return vector.azimuth(x_axis)
-    y_axis = rotation.rotate(turned, (0.0, 1.0, 0.0))
+    y_axis = rotation.rotate(orientation, (0.0, 1.0, 0.0))
     return vector.wrap(vector.azimuth(y_axis) - math.pi / 2.0)
 
 
@@ -209,7 +209,7 @@ class Sighting(NamedTuple):
     kind: str = ""
     size_m: float = 0.0
     velocity_mps: Vec3 | None = None
-    """None if the message does not tell."""
+    """None if the message does not state it."""
     velocity_frame: str = ""
     """Frame of the velocity as the message names it, or `""` for the object's own."""
     sigma_m: float | None = None
@@ -317,7 +317,7 @@ def _sighting_at(frame: str, pose: Any, covariance: Any, subject: str) -> Sighti
     orientation = checks.quaternion(pose.orientation, subject)
     sigma_m = None if covariance is None else sigma(covariance)
 
-    # Without a heading or an accuracy it remains a position
+    # Even without a heading or an accuracy it is a position
     notes: list[str] = []
     has_heading = True
     if isinstance(orientation, str):

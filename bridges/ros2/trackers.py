@@ -1,4 +1,4 @@
-"""Trackers: what ROS nodes tell about positions, as objects of the site in {W}, and their routes. Pure."""
+"""Trackers: positions that ROS nodes publish, as objects of the site in {W}, and their routes. Pure."""
 
 import itertools
 import math
@@ -37,13 +37,13 @@ from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import OBJECTS
 
 ROBOT = "robot"
-"""Kind of objects without one."""
+"""Kind of an object for which neither the message nor the configuration states one."""
 
 SMOOTHING_S = 0.2
 """Time constant of the velocity."""
 
 LONGEST_S = 0.5
-"""Positions further apart tell no velocity."""
+"""Maximum time between two positions from which a velocity is computed, s."""
 
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
@@ -65,7 +65,7 @@ class Tracker:
         self._buffer = buffer
         self._motion = Motion()
         self._stamp_ns = 0
-        """Stamp of the last message of ours."""
+        """Stamp of our last message."""
         if config.type == TF:
             buffer.want(config.frame)
 
@@ -84,8 +84,8 @@ class Tracker:
     def look(self, context: ConversionContext) -> Taken:
         """Return the object of type tf by the newest transforms, or nothing if none has come."""
         config = self._config
-        known = roots(context.state)
-        placed = self._buffer.placed(config.frame, known, context.stamp_ns, config.stale_s)
+        room_frames = roots(context.state)
+        placed = self._buffer.placed(config.frame, room_frames, context.stamp_ns, config.stale_s)
         if isinstance(placed, str):
             return (ConversionWarning(f"tracker {self._name}: {placed}"),)
         stamp_ns = context.stamp_ns if placed.stamp_ns is None else placed.stamp_ns
@@ -140,7 +140,7 @@ class Tracker:
         if sighting.name:
             identity = f"{identity}-{sighting.name}"
 
-        # Velocity by the message, or else by the positions before
+        # Velocity by the message, or otherwise by the previous positions
         velocity_mps = stated_velocity(sighting, config.frame, pose, lookup)
         notes += sighting.notes
         if isinstance(velocity_mps, str):
@@ -150,7 +150,7 @@ class Tracker:
         if max(vector.norm(position_m), vector.norm(velocity_mps)) > FARTHEST:
             return f"{identity} is outside the room, or faster than anything: send metres and m/s"
 
-        # Place and speed on a belt or strip. The number stays that of this object
+        # Position and speed on a belt or strip. The package's number stays that of this object
         surface, surface_id, along_m = sighting.on or ("none", "", 0.0)
         speed_mps = 0.0
         if sighting.on is not None:
@@ -200,11 +200,11 @@ class TfInput:
 
 def roots(state: ConversionState) -> dict[str, Pose]:
     """Return the frames in ROS whose pose in {W} is known without transforms: {W}, and those of the map."""
-    known = {frame_name(state.frames.world): AT_ORIGIN}
+    frames = {frame_name(state.frames.world): AT_ORIGIN}
     if state.room is not None:
         for frame in state.room.frames:
-            known[frame_name(frame.id)] = Pose(frame.position_m, frame.orientation_xyzw)
-    return known
+            frames[frame_name(frame.id)] = Pose(frame.position_m, frame.orientation_xyzw)
+    return frames
 
 
 class FrameLookup(NamedTuple):
@@ -343,7 +343,7 @@ def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, 
         )
         topics.append(route)
 
-    # Transforms are read for all trackers at once: topics, too, have poses in frames
+    # Transforms are read for all trackers at once: poses of topics are in frames, too
     tf = TfInput(buffer, of_tf)
     return (
         *topics,

@@ -29,10 +29,10 @@ except ImportError as error:
 Record = TypeVar("Record", Channel, Chunk, Metadata, Schema)
 
 MAX_RECORD_BYTES = MAX_BYTES
-"""Most bytes of a record, and of a chunk unpacked."""
+"""Maximum bytes of a record, and of an unpacked chunk."""
 
 MAX_RECORDS = 50_000
-"""Most records in a chunk: twice what fits into the megabyte at which a writer closes one."""
+"""Maximum number of records in a chunk: twice what fits into the megabyte at which a writer closes one."""
 
 FREE_RECORDS = 1000
 """Records that a chunk may hold whatever its size. More need a byte of the file each, as no two messages of a
@@ -106,7 +106,7 @@ def records(file: IO[bytes]) -> Iterator[RecordLocation]:
             opcode, length = _HEAD.unpack(head)
         place = RecordLocation(opcode, offset + _HEAD.size, length)
 
-        # Damaged, or cut off: data go on at the next chunk; behind them nothing is searched
+        # Damaged, or cut off: the data continue at the next chunk. Behind the data nothing is searched
         is_damaged = opcode == DAMAGED or opcode > Opcode.DATA_END
         if is_damaged or place.offset + length > size:
             if not is_data:
@@ -229,7 +229,7 @@ def unpack(chunk: Chunk, packings: Collection[str] = ("zstd",)) -> bytes:
         except UnpackError as error:
             raise DamagedError("a chunk of it cannot be unpacked") from error
 
-    # What the chunk says about itself must hold: a writer may have been killed, or be hostile
+    # What the chunk says about itself must be true: its writer may have been killed, or be hostile
     if len(data) > MAX_RECORD_BYTES:
         raise DamagedError(f"a chunk of it has more than {MAX_RECORD_BYTES} bytes")
     if len(data) != chunk.uncompressed_size:

@@ -26,16 +26,16 @@ from pointit.schemas.catalogue.json_channel import from_json
 from pointit.schemas.text import first_problem
 
 MAX_SCHEMAS = 1000
-"""Most schemas in a recording: one for each row of the topic table."""
+"""Maximum number of schemas in a recording: one for each row of the topic table."""
 
 MAX_DESCRIBED_BYTES = 32 * 1024 * 1024
-"""Most bytes of all descriptions of channels and schemas."""
+"""Maximum bytes of all descriptions of channels and schemas."""
 
 MAX_CHUNKS = 1_000_000
-"""Most chunks that are read of a recording: more than five days."""
+"""Maximum number of chunks that are read of a recording: more than five days."""
 
 MAX_DAMAGED = 1000
-"""Most damaged chunks before a file counts as no recording."""
+"""Maximum number of damaged chunks before a file counts as no recording."""
 
 
 class Channel:
@@ -71,7 +71,7 @@ class Channels:
         return self._known[number]
 
     def add(self, opcode: int, content: bytes) -> None:
-        """Note what a record in a chunk describes; others than channels and schemas are ignored.
+        """Store the channel or schema that a record in a chunk describes; other records are ignored.
 
         Raises:
             DamagedError: It is damaged, contradicts an earlier one, or there are too many.
@@ -163,7 +163,7 @@ class Recording:
         """Number of entries that the last call of `entries` left out so far, as they are not valid."""
         self.first_error = ""
         """Error message about the first of them, or `""`."""
-        # All chunks, with damaged ones between them. A head has to come first, as its format says how to read
+        # All chunks, with damaged ones between them. The head comes first: its format says how to read them
         head: Head | None = None
         damaged: list[DamagedError] = []
         try:
@@ -246,7 +246,7 @@ class Recording:
         return self._channels.counts(known=False)
 
     def gap(self, longer_ns: int) -> tuple[int, int] | None:
-        """Return begin and end of the first time without entries longer than `longer_ns`; site time, ns."""
+        """Return start and end of the first time without entries longer than `longer_ns`; site time, ns."""
         last_ns = self.began_ns
         for chunk in sorted(self._chunks, key=lambda chunk: chunk.began_ns):
             for time_ns in (chunk.began_ns, chunk.ended_ns):  # a recorder's chunk spans half a second

@@ -13,7 +13,7 @@ CHUNK_NS = NS_PER_S // 2
 """Longest time in one chunk, ns: what is lost at most if the writer is killed."""
 
 MAX_CHANNELS = 20_000
-"""Most keys in a recording. An MCAP file can hold 65535."""
+"""Maximum number of keys in a recording. An MCAP file can hold 65535."""
 
 MAX_CHUNKS = 10_000
 """Chunks after which a new file should begin, which are one to two hours: the index of each is in memory."""
@@ -58,7 +58,7 @@ class RecordingWriter:
     def add(self, entry: Entry) -> None:
         """Write `entry`. One that is older than the last gets the last one's time: time never falls.
 
-        Who has entries whose time falls by more than a second begins a new file; see `takes`.
+        A caller whose time falls by more than a second begins a new file; see `takes`.
         """
         time_ns, key, row, _, body = entry
         channel = self._channels.get((id(row), key))
@@ -71,7 +71,7 @@ class RecordingWriter:
         time_ns = max(time_ns, self._last_ns)
         self._last_ns = time_ns
 
-        # A chunk is closed by time: a message after a long silence must not wait in memory
+        # A chunk is closed by time, which limits what is lost if the writer is killed
         if self._chunk_ns is None:
             self._chunk_ns = time_ns
         elif time_ns - self._chunk_ns >= CHUNK_NS:

@@ -18,13 +18,13 @@ IGNORED = frozenset(("seq",))
 """Fields that say nothing about what happened: a replay counts from its own beginning."""
 
 TOLERANCES: Mapping[str, float] = {POSE.key: 1e-6, RAY.key: 1e-9}
-"""By topic: difference of numbers that is none, m, rad or 1."""
+"""Difference of numbers that is ignored, by topic, m, rad or 1."""
 
 TOLERANCE = 1e-6
 """The same for all other topics. Bytes, such as pixels, must be equal."""
 
 TIME_TOLERANCE_S = 0.1
-"""Difference of times that is none, s: a recorder gets a message a little after the services did."""
+"""Difference of times that is ignored, s: a recorder gets a message a little after the services did."""
 
 PAIRING_TIMEOUT_NS = 2 * NS_PER_S
 """After this time a message whose stamp the other run does not have is paired with a near one, or missing."""
@@ -60,7 +60,7 @@ class Leaf(NamedTuple):
     field: str
     """Path in the message, without the numbers of list items: `objects.position_m`."""
     difference: float | None
-    """Its size, s for times, in the field's own unit else. None if it is no number."""
+    """Its size, s for times, otherwise in the field's own unit. None if it is no number."""
     is_exact: bool = False
     """True if any difference counts, because values are bytes, such as pixels."""
 
@@ -290,7 +290,7 @@ class Comparison:
             self._give_up(sample.time_ns - PAIRING_TIMEOUT_NS)
 
     def finish(self) -> ComparisonReport:
-        """Return the result; no message comes any more."""
+        """Return the result. To be called after the last message."""
         self._give_up(2**63)
         topics = [_report(key, topic) for key, topic in sorted(self._topics.items())]
         return ComparisonReport(topics=tuple(topics))
@@ -301,7 +301,7 @@ class Comparison:
             recorded = topic.waiting["recorded"]
             replayed = topic.waiting["replayed"]
             while (sample := recorded.take_before(before_ns)) is not None:
-                # Those of the replay that are too old to be its partner are none of the next one either
+                # Messages of the replay that are too old for this one are too old for all later ones
                 while (stale := replayed.take_before(sample.time_ns - NEAR_NS)) is not None:
                     self._miss(topic, "replayed", stale)
                 partner = replayed.take_near(sample.time_ns)
@@ -323,8 +323,8 @@ class Comparison:
         for leaf in differences(recorded.content, replayed.content):
             if not self._matters(leaf, topic.tolerance):
                 continue
-            known = leaves.get(leaf.field)
-            if known is None or _size(leaf) > _size(known):
+            largest = leaves.get(leaf.field)
+            if largest is None or _size(leaf) > _size(largest):
                 leaves[leaf.field] = leaf
         if not leaves:
             return

@@ -51,10 +51,10 @@ class Edge:
 
 
 class RecordedRequests:
-    """Asks what was asked by pages, commands and other systems.
+    """Repeats the requests of pages, commands and other systems.
 
-    A recording does not tell who asked. What the supervisor asks by itself it asks now, too: such a request
-    is asked again only if the replayed supervisor has not sent the same one about that time.
+    A recording does not name the callers. The supervisor sends its own requests again by itself: such a
+    request is repeated only if the replayed supervisor has not sent the same one about that time.
     """
 
     def __init__(self, bus: Bus, clock: RecordingClock, group: asyncio.TaskGroup) -> None:
@@ -67,7 +67,7 @@ class RecordedRequests:
         """Times, keys and queries of requests of services that stand for no recorded one yet."""
 
     def on_answered(self, entry: Entry) -> None:
-        """Note a request that a replayed service has answered."""
+        """Store a request that a replayed service has answered."""
         if entry.row not in CALLED_BY_SERVICES or not isinstance(entry.body, Exchange):
             return
         request = (entry.key, entry.body.query)
@@ -85,7 +85,7 @@ class RecordedRequests:
             self._group.create_task(work, name=f"replayed {entry.key}")
 
     async def _repeat(self, entry: Entry, row: Request[Any, Any], query: Query) -> None:
-        # A service that sends it again may be a little later than it was
+        # A service may send it a little later than when it was recorded
         if row in CALLED_BY_SERVICES:
             await self._clock.wait_until(entry.time_ns + GRACE_NS)
             for seen in self._seen:
@@ -100,7 +100,7 @@ class RecordedRequests:
 
 
 class RecordedResults:
-    """Tells the results of acts, each after the event that now stands for the recorded one.
+    """Publishes the results of acts, each after the event that now stands for the recorded one.
 
     Two events stand for each other if they are the first, second, … with carriers on their object.
     """
@@ -114,11 +114,11 @@ class RecordedResults:
         self._waiting: list[Entry] = []
 
     def on_recorded(self, entry: Entry) -> None:
-        """Note an event of the recording."""
+        """Store an event of the recording."""
         _note_act(self._recorded, entry.body)
 
     def on_again(self, entry: Entry) -> None:
-        """Note an event of the replay, and tell what waited for it."""
+        """Store an event of the replay, and publish the results that waited for it."""
         _note_act(self._again, entry.body)
         waiting = self._waiting
         self._waiting = []
@@ -126,7 +126,7 @@ class RecordedResults:
             self.repeat(result)
 
     def repeat(self, entry: Entry) -> None:
-        """Tell the result of `entry`, or keep it until its event is published again."""
+        """Publish the result of `entry`, or store it until its event is published again."""
         body = entry.body
         if not isinstance(body, ActResult):
             return
@@ -146,5 +146,5 @@ class RecordedResults:
 def _note_act(events: dict[str, list[int]], body: object) -> None:
     if isinstance(body, SelectionEvent) and body.carriers:
         stamps = events.setdefault(body.object_id, [])
-        if body.stamp_ns not in stamps:  # an event may be told again
+        if body.stamp_ns not in stamps:  # an event may be published again
             stamps.append(body.stamp_ns)

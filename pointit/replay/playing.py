@@ -95,7 +95,7 @@ class Collector:
         return sum(declared.traffic.dropped for declared in self._declared)
 
     def close(self) -> None:
-        """Collect no more."""
+        """Stop collecting."""
         for declared in (*self._declared, *self._watched):
             declared.close()
 
@@ -120,7 +120,7 @@ class Collector:
 
 
 class Skipped:
-    """Numbers of messages that services have not got, or skipped for newer ones, as their health tells."""
+    """Numbers of messages that services did not get, or skipped for newer ones, by their health reports."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], int] = {}
@@ -163,7 +163,7 @@ class ReplaySource(Protocol):
         ...
 
     def gap(self, longer_ns: int) -> tuple[int, int] | None:
-        """Return begin and end of the first time without entries of more than `longer_ns`, Unix ns."""
+        """Return start and end of the first time without entries of more than `longer_ns`, Unix ns."""
         ...
 
     def entries(self, keys: Callable[[str], bool] | None = None) -> Iterator[Entry]:
@@ -194,7 +194,7 @@ class Buses:
 
 @dataclass(frozen=True)
 class ReplayPlan:
-    """A recording and what of it is done again."""
+    """A recording and the part of it that is recomputed."""
 
     source: ReplaySource
     beginning: Beginning
@@ -293,7 +293,7 @@ class _Player:
         """First error of the listener, which a bus would log and forget."""
 
     async def play(self, folder: Path, group: asyncio.TaskGroup) -> None:
-        # What services read when they start, and their edge
+        # State that services read when they start, and the edge
         room = self._beginning.restore(self._buses.services.site, folder)
         changed: dict[str, dict[str, object]] = {}
         if not self._lights:
@@ -321,7 +321,7 @@ class _Player:
             else:
                 self._edge.repeat(entry)
 
-        # Nothing is collected of the end of the services themselves
+        # The end of the services themselves is not collected
         await self._wait_until(self._source.ended_ns + SETTLE_NS)
         collector.close()
         await service_bus.end_all()
@@ -432,7 +432,7 @@ def recorded_outputs(source: ReplaySource) -> list[str]:
     outputs_as_json: dict[str, None] = {}
     for entry in source.entries(lambda key: key == CONFIGURATION.at("led-driver")):
         if isinstance(entry.body, Configuration):
-            with contextlib.suppress(ValueError):  # the replay tells of it
+            with contextlib.suppress(ValueError):  # the replay reports it
                 outputs: object = parameters_of(entry.body).get("outputs")
                 if isinstance(outputs, list):
                     for output in cast("list[object]", outputs):

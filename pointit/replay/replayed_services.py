@@ -104,7 +104,7 @@ class RecordingClock:
     """Begins at a time of a recording and follows the running loop's time, which may be virtual."""
 
     def __init__(self, start_ns: int, speed: float = 1.0) -> None:
-        """Begin now at `start_ns`, Unix ns, and run `speed` times as fast as the loop."""
+        """Start now at `start_ns`, Unix ns, and run `speed` times as fast as the loop."""
         self.speed = speed
         self._start_ns = start_ns
         self._loop = asyncio.get_running_loop()
@@ -140,7 +140,7 @@ class ReplayError(PointItError):
 
 
 def is_about_site(row: AnyRow, name: str) -> bool:
-    """Return True if `row` tells of `name` who runs or watches a site, not what happens there."""
+    """Return True if `row` of `name` shows who runs or watches a site, not what happens there."""
     if row in (topics.SERVICE_ALIVE, *topics.ACCOUNTS):
         service, _ = split_instance(name)
         return service in OBSERVERS
@@ -524,7 +524,7 @@ class ReplayedServices:
         except (ConfigError, ValueError) as error:
             raise ReplayError(f"{instance} cannot be replayed with this version: {error}") from error
 
-        # A file that the recording names is not opened unseen
+        # A map that the recording names is checked before it is opened
         if isinstance(config, PuiConfig) and "map" not in changed:
             if config.map_to_read:
                 check_map(config.map_to_read)
@@ -535,7 +535,7 @@ class ReplayedServices:
 def remove_unknown(parameters: dict[str, Any], kind: type[Config]) -> list[str]:
     """Remove the parameters that this version has no longer, at any depth. Return their dotted names."""
     removed: list[str] = []
-    while True:  # a service with plug-ins tells its own ones after those of its sections, one at a time
+    while True:  # a service with plug-ins reports its own ones after those of its sections, one at a time
         try:
             validate(kind, parameters)
         except ValidationError as error:

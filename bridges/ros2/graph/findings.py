@@ -180,9 +180,11 @@ def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding
         # The reader must not want more than the writer offers
         conflicting: list[Endpoint] = []
         for other in counterparts:
-            writer, reader = (other, mine)
+            writer = other
+            reader = mine
             if mine.kind == "publisher":
-                writer, reader = (mine, other)
+                writer = mine
+                reader = other
             if writer.qos is None or reader.qos is None:
                 continue
             if has(reader.qos) and not has(writer.qos):

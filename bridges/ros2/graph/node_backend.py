@@ -148,7 +148,7 @@ class GraphMonitor:
 
 
 class NodeContext:
-    """State that the endpoints of one node share. Is made in the loop."""
+    """State that the endpoints of one node share. Created in the loop."""
 
     max_bytes = MAX_BYTES
     """Maximum size of foreign messages; longer ones are dropped unread."""
@@ -265,7 +265,7 @@ class MessageQueue(Generic[T]):
         self._context.dispatcher.schedule(self)
 
     def close(self) -> None:
-        """Handle no more."""
+        """Handle no further messages."""
         self._is_closed = True
 
     def drain(self) -> None:

@@ -54,9 +54,9 @@ def velocity(value: Any) -> Vec3 | str:
     return (x, y, z)
 
 
-def heading(turned: Quaternion, label: str) -> float | str:
+def heading(orientation: Quaternion, label: str) -> float | str:
     """Return the azimuth of the x axis, rad, or the rejection."""
-    x_axis = rotation.rotate(turned, (1.0, 0.0, 0.0))
+    x_axis = rotation.rotate(orientation, (1.0, 0.0, 0.0))
     elevation = vector.elevation(x_axis)
     if abs(elevation) > STEEPEST_RAD:
         return (

@@ -45,24 +45,24 @@ def belt_command(value: Any, context: ConversionContext) -> Taken:
         return (ConversionWarning(sentence),)
 
     # Belts of equal speed become one command, after those for all belts
-    taken: list[BusOutput | ConversionWarning] = []
+    outputs: list[BusOutput | ConversionWarning] = []
     belts: dict[float, list[str]] = {}
     for name, speed_mps in zip(names, speeds, strict=True):
         lane = None if name == ALL else lane_of(name, context.state.lanes)
         problem = _too_fast("/belt_cmd", speed_mps)
         if problem:
-            taken.append(ConversionWarning(problem))
+            outputs.append(ConversionWarning(problem))
         elif name == ALL:
-            taken.append(_at_speed(speed_mps))
+            outputs.append(_at_speed(speed_mps))
         elif lane is None:
             lanes = first_of(context.state.lanes, 20) or "none"
             sentence = f"/belt_cmd: there is no belt {checks.named(name)}; there are {lanes}"
-            taken.append(ConversionWarning(sentence))
+            outputs.append(ConversionWarning(sentence))
         else:
             belts.setdefault(speed_mps, []).append(lane)
     for speed_mps, lanes_of_speed in belts.items():
-        taken.append(_at_speed(speed_mps, tuple(lanes_of_speed)))
-    return tuple(taken)
+        outputs.append(_at_speed(speed_mps, tuple(lanes_of_speed)))
+    return tuple(outputs)
 
 
 def feed(value: Any, _context: ConversionContext) -> Taken:
@@ -97,7 +97,7 @@ class AddPack:
         kind = state.kinds.kind(int(request.kind))
         lanes = state.lanes
 
-        # What the conveyor cannot do is refused with the range of what it can
+        # Requests that the conveyor cannot carry out are refused with the permitted range
         if kind is None:
             return ConversionWarning(_no_kind("add_pack", int(request.kind), context))
         if belt >= len(lanes):
@@ -113,7 +113,7 @@ class AddPack:
         if uid > MAX_NUMBER or is_used:
             return ConversionWarning(f"add_pack: uid {uid} is taken or beyond {MAX_NUMBER}: ask for another")
 
-        # No other object gets the number, or is published without one, until the answer is here
+        # Until the answer no other object gets the number, and none is published without a settled one
         self._open[uid] = request
         state.uids.reserve(uid)
         command = AddPackage(kind=kind, lane=lanes[belt], position=None if is_at_start else position)

@@ -55,7 +55,7 @@ class Wrist:
         return self._sample(value, orientation, context)
 
     def _sample(self, value: Any, orientation: Quaternion | str, context: ConversionContext) -> Taken:
-        """Return the sample of the arm by a stamped value and its orientation, or the rejection of that."""
+        """Return the arm's sample from a stamped value and its orientation, or the rejection."""
         if isinstance(orientation, str):
             return (ConversionWarning(orientation),)
         problem = self._rival(frame_name(value.header.frame_id), context)
@@ -168,10 +168,10 @@ class Poses:
         """Return the pose by a transform of /tf_static, or a warning. A ROS-only user has no localizer."""
         translation = transform.transform.translation
         orientation = transform.transform.rotation
-        now = context.state.types.make("builtin_interfaces/msg/Time")
+        no_stamp = context.state.types.make("builtin_interfaces/msg/Time")  # 0: it counts as now
         if user in context.state.ros_users:
             context.state.person(user).tf_until_ns = FOR_EVER_NS
-            return self._pose(translation, orientation, now, context._replace(name=user))
+            return self._pose(translation, orientation, no_stamp, context._replace(name=user))
         placed = _placed(translation, orientation, user)
         if isinstance(placed, str):
             return (ConversionWarning(placed),)
@@ -209,7 +209,7 @@ class Poses:
         return self._rivals.describe(frame, parent, position_m)
 
     def _pose(self, position: Any, orientation: Any, stamp: Any, context: ConversionContext) -> Taken:
-        """Return the person's pose, or a warning; the yaw is that by the forearm's body if they have one."""
+        """Return the person's pose, or a warning; the yaw is that of the forearm's body if they wear one."""
         user = context.name
         person = context.state.people.get(user)
         forearm_yaw = None if person is None else person.forearm_yaw

@@ -88,9 +88,9 @@ class Subscriptions:
 
         # How it looks, before it appears
         look = _look(value, user)
-        taken: list[BusOutput | ConversionWarning] = []
+        outputs: list[BusOutput | ConversionWarning] = []
         if isinstance(look, str):
-            taken.append(ConversionWarning(look))
+            outputs.append(ConversionWarning(look))
         elif not was_subscribed or look != self._looks.get(user):
             self._looks[user] = look
             profile = UserProfile(
@@ -99,10 +99,10 @@ class Subscriptions:
                 cursor_colormap=look.colormap,
                 cursor_width_m=look.width_m,
             )
-            taken.append(BusOutput(PROFILE, user, profile))
+            outputs.append(BusOutput(PROFILE, user, profile))
         if not was_subscribed:
-            taken.append(interaction(state, user, context.stamp_ns, "they want a cursor"))
-        return tuple(taken)
+            outputs.append(interaction(state, user, context.stamp_ns, "they want a cursor"))
+        return tuple(outputs)
 
 
 def _answer_to_others(name: str, state: ConversionState, *, wants_cursor: bool) -> Taken:

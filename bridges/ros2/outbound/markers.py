@@ -118,7 +118,7 @@ class MarkerBuilder:
         size_m: Vec3,
         rgb: Rgb,
         at_m: Vec3 = (0.0, 0.0, 0.0),
-        turned: rotation.Quaternion = rotation.IDENTITY,
+        orientation: rotation.Quaternion = rotation.IDENTITY,
         alpha: float = 1.0,
         places_m: Iterable[Vec3] = (),
         words: str = "",
@@ -133,7 +133,7 @@ class MarkerBuilder:
             id=number,
             type=SHAPES[shape],
             action=ADD,
-            pose=values.pose(types, at_m, turned),
+            pose=values.pose(types, at_m, orientation),
             scale=values.vector3(types, size_m),
             color=values.color(types, rgb, alpha),
             lifetime=self._lifetime,
@@ -213,7 +213,7 @@ def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
             rgb=SOLID,
             alpha=GLASS,
             at_m=box.center_m,
-            turned=rotation.from_yaw(box.yaw_rad),
+            orientation=rotation.from_yaw(box.yaw_rad),
         )
     for number, thing in enumerate(room.fixed_things):
         height_m = thing.size_m[2] / 2.0 + LAMP_M
@@ -233,7 +233,7 @@ def _solids(markers: MarkerBuilder, room: Environment) -> Iterator[Any]:
             rgb=SOLID,
             alpha=GLASS,
             at_m=plane.center_m,
-            turned=_of_axes(u, v),
+            orientation=_of_axes(u, v),
         )
 
     # Round solids: the centre of a cylinder is that of its base
@@ -274,7 +274,7 @@ def ribbon(line: Polyline, width_m: float) -> list[Vec3]:
         c = vector.add(end_m, across_m)
         d = vector.subtract(end_m, across_m)
         corners_m += [a, b, c, c, b, d]
-        corners_m += [a, c, b, c, d, b]  # the other way round: viewers leave out the back of a triangle
+        corners_m += [a, c, b, c, d, b]  # the other way round: viewers cull the backs of triangles
     return corners_m
 
 
@@ -348,7 +348,7 @@ def _person(markers: MarkerBuilder, state: ConversionState, user: str) -> Iterat
                 size_m=(2.0 * long_m, 2.0 * short_m, 0.01),
                 rgb=rgb,
                 at_m=position_m,
-                turned=rotation.from_yaw(azimuth_rad),
+                orientation=rotation.from_yaw(azimuth_rad),
                 alpha=0.3,
             )
     yield from _pointing(markers, state, user, person, rgb)
@@ -428,7 +428,7 @@ def _object(
             high_m = min(max(0.6 * length_m, 0.1), 0.26)
             size_m = (length_m, wide_m, high_m)
             at_m = vector.add(at_m, (0.0, 0.0, high_m / 2.0))
-    yield markers.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=orientation)
+    yield markers.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, orientation=orientation)
 
     # Its owner, as a larger shell in their colour
     if owner is None:
@@ -443,7 +443,7 @@ def _object(
         size_m=vector.add(size_m, (GROWN_M, GROWN_M, GROWN_M)),
         rgb=owner_rgb,
         at_m=at_m,
-        turned=orientation,
+        orientation=orientation,
         alpha=0.35,
     )
 
@@ -496,7 +496,7 @@ def _robot(
             size_m=(spread_m, spread_m, 0.01),
             rgb=rgb,
             at_m=at_m,
-            turned=rotation.IDENTITY,
+            orientation=rotation.IDENTITY,
             alpha=0.3,
         )
 

@@ -128,13 +128,13 @@ class Rosout:
         self._gone.clear()
 
 
-def _findings(name: str, health: Health, before: Health | None) -> dict[Identity, Line]:
-    """Return the line of each finding of `name` by a report and the one `before` it."""
+def _findings(name: str, health: Health, previous: Health | None) -> dict[Identity, Line]:
+    """Return the line of each finding of `name` by a report and the `previous` one."""
     reports = [DiagnosisReport(received_s=LONG_S, health=health)]
-    if before is not None:
-        is_same_process = (before.host, before.pid) == (health.host, health.pid)
+    if previous is not None:
+        is_same_process = (previous.host, previous.pid) == (health.host, health.pid)
         if is_same_process:  # figures of another process say nothing about this one
-            reports.insert(0, DiagnosisReport(received_s=LONG_S, health=before))
+            reports.insert(0, DiagnosisReport(received_s=LONG_S, health=previous))
     observation = Observation(began_s=0.0, now_s=LONG_S, present=frozenset({name}), reports={name: reports})
     lines: dict[Identity, Line] = {}
     for finding in diagnose(observation):  # the worst first

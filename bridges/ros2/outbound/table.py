@@ -89,7 +89,7 @@ def diagnostics(health: Health, context: ConversionContext) -> Converted:
     def value(key: str, text: str) -> Any:
         return types.make("diagnostic_msgs/msg/KeyValue", key=values.text(key), value=values.text(text))
 
-    # Warnings count also if the service calls itself well
+    # A service with warnings is not well, whatever its status says
     level = OK
     message = health.status
     if health.warnings:

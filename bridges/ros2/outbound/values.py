@@ -49,16 +49,16 @@ def vector3(types: Types, values: Vec3) -> Any:
     return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
-def quaternion(types: Types, turned: Quaternion) -> Any:
+def quaternion(types: Types, orientation: Quaternion) -> Any:
     """Return a rotation."""
-    x, y, z, w = turned
+    x, y, z, w = orientation
     return types.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
-def pose(types: Types, place_m: Vec3, turned: Quaternion) -> Any:
+def pose(types: Types, place_m: Vec3, orientation: Quaternion) -> Any:
     """Return a pose."""
     return types.make(
-        "geometry_msgs/msg/Pose", position=point(types, place_m), orientation=quaternion(types, turned)
+        "geometry_msgs/msg/Pose", position=point(types, place_m), orientation=quaternion(types, orientation)
     )
 
 

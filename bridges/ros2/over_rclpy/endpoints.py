@@ -228,7 +228,7 @@ class DdsContext(NodeContext):
             name: of a topic with an endpoint of ours.
             infos: returns the endpoints of that kind.
         """
-        # The hash of our own endpoint there: rclpy takes it from the installed definition
+        # The hash of our own endpoint in the graph: rclpy takes it from the installed definition
         installed: set[str] = set()
         for info in infos(name):
             node = full_name(info.node_name, info.node_namespace)
@@ -251,7 +251,7 @@ class DdsContext(NodeContext):
 
 
 class NullEndpoint:
-    """Stands for an endpoint that could not be declared, of which a warning tells."""
+    """Stands for an endpoint that could not be declared; a warning names it."""
 
     is_read = False
 

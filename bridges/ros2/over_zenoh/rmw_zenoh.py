@@ -1,4 +1,4 @@
-"""The graph that the liveliness tokens of rmw_zenoh tell, and the codec of one session of ours."""
+"""The graph that the liveliness tokens of rmw_zenoh describe, and the codec of one session of ours."""
 
 import itertools
 from collections.abc import Callable, Mapping

@@ -64,7 +64,7 @@ def dds_type(text: str, type_hash: str) -> RosType:
     """Return the type that middlewares write as `text` (`std_msgs::msg::dds_::Bool_`).
 
     Raises:
-        ValueError: If it , or the hash, is not written that way.
+        ValueError: If it, or the hash, is not written that way.
     """
     match = DDS_TYPE.fullmatch(text)
     if match is None or not HASH.fullmatch(type_hash):

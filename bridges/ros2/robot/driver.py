@@ -67,7 +67,7 @@ class Ros2Driver:
             self._refuse(command, "it leads nowhere: give finite places")
             return
 
-        # A lost robot may yet hear: it is stopped, but sent nowhere
+        # A robot whose pose is lost may still receive: it is stopped or landed, but sent nowhere
         is_possible = self._last_ns or isinstance(command, Stop | Land)
         if self._actuator is not None and is_possible:
             self._actuator.command(command)

@@ -75,18 +75,18 @@ class GoalBook:
         """Id of the goal that the robot is to reach."""
 
     def begin(self, goal: bytes) -> None:
-        """Want `goal`, which is sent now, instead of the one before."""
+        """Make `goal`, which is sent now, the wanted one."""
         self._goals[goal] = _Goal()
         self.wanted = goal
         for old in list(self._goals)[:-MAX_GOALS]:
             del self._goals[old]
 
     def drop(self) -> None:
-        """Want no goal."""
+        """Remove the wanted goal: the robot is stopped."""
         self.wanted = None
 
     def on_response(self, goal: bytes, *, accepted: bool, now_ns: int) -> Outcome | None:
-        """Return the news for the person, if any, of a server's first answer to `goal`."""
+        """Return the outcome, if any, of a server's first answer to `goal`."""
         record = self._goals.get(goal)
         if record is None or record.state not in {"sent", "silent"}:
             return None
@@ -115,7 +115,7 @@ class GoalBook:
         return "failed"
 
     def on_feedback(self, goal: bytes, now_ns: int) -> Outcome | None:
-        """Return the news of feedback about `goal`: the server works on it."""
+        """Return the outcome, if any, of feedback about `goal`: the server works on it."""
         if goal in self._goals:
             self._goals[goal].received_ns = now_ns
         return self._on_active(goal, now_ns)
@@ -141,7 +141,7 @@ class GoalBook:
         return outcomes
 
     def overdue(self, now_ns: int) -> Outcome | None:
-        """Return the news of the wanted goal's end by the status topic if its result has not come since."""
+        """Return the outcome of the wanted goal by the status topic if its result has not come since."""
         if self.wanted is None:
             return None
         record = self._goals[self.wanted]

@@ -41,7 +41,7 @@ AGAIN_M = 0.2
 AGAIN_NS = NS_PER_S
 """Minimum interval of goals while the robot follows: Nav2 makes a plan for each."""
 RESULT_S = 500.0
-"""A result is asked for again after this time: Zenoh drops questions that are open for 600 s."""
+"""A result is requested again after this time: Zenoh drops requests that are open for 600 s."""
 HALT_S = 0.8
 """Time in which goals are cancelled before the driver ends."""
 
@@ -264,7 +264,7 @@ class Navigator:
         reason = f"{self._config.action} gave up: see Nav2's log"
         self._on_outcome(self._book.overdue(now_ns), self._order, reason)
 
-        # A place to follow is a new goal if it has moved, once a second
+        # A place to follow becomes a new goal if it has moved, at most once a second
         follow = self._follow
         if follow is not None and now_ns - self._sent_ns >= AGAIN_NS:
             last_m = self._last_m

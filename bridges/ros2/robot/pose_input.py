@@ -76,7 +76,7 @@ class PoseReader:
         if is_overtaken or 0 < stamp_ns - self._last_ns < SOONEST_NS:
             return ""  # overtaken, sent twice, or too soon
 
-        # Velocity by the message, or else by the positions before
+        # Velocity by the message, or otherwise by the previous positions
         pose = compose(frame, sighting.pose)
         velocity_mps = stated_velocity(sighting, own_frame, pose, lookup)
         problems = sighting.notes
@@ -112,14 +112,14 @@ class PoseInput:
         on_report: Callable[[RobotReport], None],
         on_problem: Callable[[str], None],
     ) -> None:
-        """Subscribe; `on_problem` gets a sentence, or `""` when a message is well."""
+        """Subscribe; `on_problem` gets a sentence, or `""` when a message is valid."""
         self._types = types
         self._reader = reader
         self._now_ns = now_ns
         self._on_report = on_report
         self._on_problem = on_problem
 
-        # Transforms in any case: also the pose of a topic may be in a frame of tf
+        # Transforms in any case: the pose of a topic may be in a frame of tf, too
         types.prepare(TF_TYPE)
         tf = types.kind(TF_TYPE)
         latched = Qos(depth=100, latched=True)

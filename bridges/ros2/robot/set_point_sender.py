@@ -83,7 +83,7 @@ class SetPoints:
         self._at_m = position_m
 
     def command(self, command: Command) -> tuple[Outcome, str] | None:
-        """Carry out `command`; return the news for the person, if there are some at once."""
+        """Carry out `command`; return its outcome and the reason, if there is one at once."""
         if self._at_m is None:
             if isinstance(command, Stop):
                 return None

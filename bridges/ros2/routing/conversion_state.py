@@ -50,7 +50,7 @@ POINTS_NS = NS_PER_S // 2
 MAX_TRACKER_AGE_NS = NS_PER_S
 """A tracker silent for this long tracks nothing."""
 STEEP_RAD = math.radians(60.0)
-"""Elevation of an arm, up or down, from which its azimuth does not tell where the person faces."""
+"""Elevation of an arm, up or down, from which its azimuth does not show where the person faces."""
 
 INPUT_TOPICS: tuple[Topic[Any], ...] = (
     *(topics.CURSOR, topics.HOVER, topics.POSE, topics.PROFILE, topics.INTERACTION, topics.OBJECTS),
@@ -224,7 +224,7 @@ class ConversionState:
         return states
 
     def plan(self, robot: str) -> RobotPlan | None:
-        """Return the plan of `robot`, or None if it has told none."""
+        """Return the plan of `robot`, or None if it has published none."""
         return self._plans.get(robot)
 
     @property

@@ -152,9 +152,9 @@ class Inbox:
             for route in self._routes:
                 if route.on_presence is None:
                     continue
-                taken = route.on_presence(context)
-                if taken:
-                    self._process(taken, _subject(route, self._site.state, ""))
+                outputs = route.on_presence(context)
+                if outputs:
+                    self._process(outputs, _subject(route, self._site.state, ""))
 
     def leave(self, user: str) -> None:
         """Unsubscribe from the routes about `user`."""
@@ -164,7 +164,7 @@ class Inbox:
         for key in [key for key in self._reclaims if key[1] == user]:
             self._cancel_reclaim(key)
 
-        # Nothing remains of warnings and of what the converters remember
+        # No warnings remain, nor what the converters remember
         rows: tuple[InboundRoute | ServiceRoute, ...] = (*self._routes, *self._services)
         for route in rows:
             if "{" in route.ros:
@@ -281,21 +281,21 @@ class Inbox:
             return
         now_ns = clock.now_ns()
         wall_ns = self._wall.now_ns()
-        taken = route.convert(value, name, state, now_ns=now_ns, wall_ns=wall_ns)
-        self._process(taken, subject)
+        outputs = route.convert(value, name, state, now_ns=now_ns, wall_ns=wall_ns)
+        self._process(outputs, subject)
 
-    def _process(self, taken: Taken, subject: str) -> None:
+    def _process(self, outputs: Taken, subject: str) -> None:
         """Publish and query. The route's warning is cleared when all queries have succeeded, not before."""
         warnings: list[ConversionWarning] = []
         queries: list[BusOutput] = []
-        for item in taken:
+        for item in outputs:
             if isinstance(item, ConversionWarning):
                 warnings.append(item)
             elif isinstance(item.at, Request):
                 queries.append(item)
         if warnings or not queries:
             self._warn(subject, warnings)
-        for item in taken:
+        for item in outputs:
             if isinstance(item, BusOutput):
                 self.publish(item)
         if queries:
@@ -362,7 +362,7 @@ class Inbox:
                 raise RefusedError(sentence) from error
             return types.encode(response, types.make(response))
 
-        # Ask the service of ours that does it, unless the request makes no sense
+        # Ask our service that does it, unless the request cannot be converted
         now_ns = self._site.clock.now_ns()
         context = ConversionContext(state, name, now_ns, wall_ns=self._wall.now_ns())
         request = route.asks(value, context)
@@ -382,7 +382,7 @@ class Inbox:
         finally:  # also when this is cancelled: the route may wait for the result
             answer = route.response(value, reply, context)
 
-        # A response without a field for it cannot tell of a refusal
+        # A response without a field for a refusal is replaced by an error
         if reply is None and not route.has_result:
             raise RefusedError(refusal)
         return types.encode(response, answer)

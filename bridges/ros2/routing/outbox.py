@@ -206,7 +206,7 @@ class Outbox:
         return tuple(self._routes)
 
     def take(self, topic: Topic[Message], message: Message, name: str) -> None:
-        """Send `message`, which the scene has got, by all its routes."""
+        """Send `message`, which the state has already, by all its routes."""
         for route in self._routes.get(topic, ()):
             if route.has_user_publisher and name in self._site.state.ros_users:
                 continue
@@ -218,7 +218,7 @@ class Outbox:
         is_ros_user = user in self._site.state.ros_users
         routes: dict[str, OutboundRoute] = {}
         for readers in self._routes.values():
-            for route in readers:  # one of several topics is listed at each
+            for route in readers:  # a route that reads several topics is listed at each
                 routes[route.name] = route
         for route in routes.values():
             if "{user}" not in route.ros:

@@ -184,11 +184,11 @@ def _check_apart(
 
     /tf may be both published and read, and published by several routes.
     """
-    taken: dict[str, OutboundRoute | InboundRoute | ServiceRoute] = {}
+    rows_by_name: dict[str, OutboundRoute | InboundRoute | ServiceRoute] = {}
     for row in rows:
         if not row.enabled:
             continue
-        other = taken.setdefault(row.ros, row)
+        other = rows_by_name.setdefault(row.ros, row)
         is_tf = other.type == row.type == TF
         if other is not row and not is_tf:
             raise ConfigError(

@@ -119,7 +119,7 @@ def test_the_services_that_were_recorded_do_the_same_again(level: str, tmp_path:
     assert (CURSOR.at("anna") in keys) == (level != "cursors")
 
 
-def test_requests_from_outside_are_asked_again_once_and_their_replies_compared(tmp_path: Path) -> None:
+def test_external_requests_are_repeated_once_and_replies_compared(tmp_path: Path) -> None:
     entries = session_with_requests()
     result = invoke(write(tmp_path / "session.mcap", entries), "--compare", "--json")
     topics = {topic["key"]: topic for topic in json.loads(result.stdout)["topics"]}
@@ -131,7 +131,7 @@ def test_requests_from_outside_are_asked_again_once_and_their_replies_compared(t
     assert (pose["recorded"], pose["replayed"], pose["differ"]) == (2, 2, 0)
 
 
-def test_a_changed_sample_shows_in_the_table_and_in_the_first_message(tmp_path: Path) -> None:
+def test_changed_sample_shows_in_table_and_first_divergence(tmp_path: Path) -> None:
     entries = whole_session()
     samples = [number for number, entry in enumerate(entries) if entry.row is IMU]
     lost = samples[300]
@@ -142,7 +142,7 @@ def test_a_changed_sample_shows_in_the_table_and_in_the_first_message(tmp_path: 
     assert "6.000 s" in row
 
 
-def test_a_recording_that_begins_in_mid_session_goes_on_as_it_did(tmp_path: Path) -> None:
+def test_recording_that_begins_in_mid_session_continues_as_recorded(tmp_path: Path) -> None:
     entries = whole_session()
     before = [entry.body for entry in entries if entry.row is SELECTION and entry.time_ns < CUT_NS][-1]
     assert isinstance(before, Selection)
@@ -157,7 +157,7 @@ def test_a_recording_that_begins_in_mid_session_goes_on_as_it_did(tmp_path: Path
     assert [each.objects for each in replayed[-2:]] == [each.objects for each in recorded[-2:]]  # pyrefly: ignore[missing-attribute]
 
 
-def test_two_processes_write_the_same_bytes_whatever_the_order_of_their_sets(tmp_path: Path) -> None:
+def test_two_processes_write_the_same_bytes(tmp_path: Path) -> None:
     outputs = [tmp_path / f"{seed}.mcap" for seed in (1, 2)]
     for seed, output in enumerate(outputs, 1):
         subprocess.run(
@@ -222,7 +222,9 @@ def test_a_recording_without_a_map_opens_no_file_elsewhere(tmp_path: Path) -> No
     assert "refers to the map '/etc/hostname'" in str(result.exception)
 
 
-def test_recorded_leds_are_named_and_driven_if_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recorded_leds_are_listed_and_driven_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     driven: list[bool] = []
 
     async def play_live(*_: object, lights: bool) -> None:
@@ -265,7 +267,7 @@ def test_a_result_that_cannot_be_written_ends_it(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("speed", [(), ("--speed", "1")])
-def test_an_interrupted_replay_ends_its_services_and_leaves_nothing_behind(
+def test_interrupted_replay_ends_its_services_without_leftovers(
     number: signal.Signals, speed: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scratch = tmp_path / "scratch"
@@ -296,7 +298,7 @@ def test_an_interrupted_replay_ends_its_services_and_leaves_nothing_behind(
     assert signal.getsignal(number) == before
 
 
-def test_a_recording_without_samples_says_what_is_missing_and_where_to_start(tmp_path: Path) -> None:
+def test_recording_without_samples_is_refused_with_the_missing_topics(tmp_path: Path) -> None:
     entries = [entry for entry in whole_session() if entry.row is not IMU]
     path = write(tmp_path / "noimu.mcap", entries, without=("imu",))
     said = "recorded without imu: what services compute from it is missing"

@@ -23,7 +23,7 @@ MAX_BYTES = 2_000_000
 
 
 @pytest.mark.parametrize("name", SESSIONS)
-def test_services_do_what_was_accepted(name: str) -> None:
+def test_services_give_the_accepted_results(name: str) -> None:
     with open_recording(name) as recording:
         outputs = Outputs(recording)
         assert not recording.invalid, recording.first_error

@@ -97,7 +97,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
         assert abs(log_ns - time.time_ns()) < 60e9
 
 
-async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
+async def test_late_viewer_gets_retained_values(site: Site) -> None:
     site.bench.put(topics.MAP, MAP_MESSAGE)
     site.bench.put(topics.SELECTION, models.Selection(stamp_ns=1))
     await site.start()
@@ -111,7 +111,7 @@ async def test_who_comes_late_sees_what_stands_still(site: Site) -> None:
         await until(lambda: bool(early.all("/selection")), what="a channel that is looked at later")
 
 
-async def test_events_come_all_and_the_log_begins_with_what_was(site: Site) -> None:
+async def test_all_events_arrive_and_the_log_begins_with_its_history(site: Site) -> None:
     await site.start()
     site.bench.put(topics.FEEDBACK, models.Feedback(stamp_ns=1, cue="started", text="before"), "anna")
     await site.bench.settle()
@@ -130,7 +130,7 @@ async def test_events_come_all_and_the_log_begins_with_what_was(site: Site) -> N
         )
 
 
-async def test_a_flood_is_thinned_to_the_rate_and_the_newest_arrives(site: Site) -> None:
+async def test_flood_is_limited_to_the_rate_and_the_newest_arrives(site: Site) -> None:
     await site.start(rate_hz=20.0)
     async with viewer(site.address, "/users/anna/cursor", "/scene/people") as one:
         site.bench.put(topics.CURSOR, cursor(0), "anna")
@@ -147,7 +147,7 @@ async def test_a_flood_is_thinned_to_the_rate_and_the_newest_arrives(site: Site)
             assert len(one.all(topic)) - before[topic] <= most
 
 
-async def test_fast_topics_are_read_while_somebody_looks_on(
+async def test_fast_topics_are_read_while_a_viewer_is_connected(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bridge, "LOOK_S", 0.1)
@@ -169,7 +169,7 @@ async def test_fast_topics_are_read_while_somebody_looks_on(
     presence.close()
 
 
-async def test_rays_vanish_when_nobody_says_more(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_rays_vanish_when_messages_stop(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "HEALTH_PERIOD_S", 60.0)  # not even a service about itself
     await site.start()
     async with viewer(site.address, "/scene/people") as one:
@@ -178,7 +178,7 @@ async def test_rays_vanish_when_nobody_says_more(site: Site, monkeypatch: pytest
         await until(lambda: not one.entities("people"))
 
 
-async def test_who_leaves_takes_their_channels_along(site: Site) -> None:
+async def test_channels_of_a_person_end_when_they_leave(site: Site) -> None:
     await site.start()
     presence = site.bus.announce(topics.USER_ALIVE, "anna")
     async with viewer(site.address, "/scene/people", "/users/anna/cursor") as one:
@@ -198,7 +198,7 @@ async def test_who_leaves_takes_their_channels_along(site: Site) -> None:
         await until(is_seen, what="who comes back is seen again")
 
 
-async def test_a_map_that_cannot_be_drawn_is_told_in_health(site: Site) -> None:
+async def test_undrawable_map_is_a_warning(site: Site) -> None:
     seen: list[models.Health] = site.bench.collect(topics.HEALTH)
     await site.start()
     dot = models.Belt(id="dot", line_m=((1, 1, 1), (1, 1, 1)))
@@ -221,7 +221,7 @@ async def test_viewers_cannot_do_anything(site: Site) -> None:
         await until(lambda: "belt b" in one.entities("room"), what="it goes on")
 
 
-async def test_it_ends_at_once_with_a_viewer_connected_and_the_port_is_free() -> None:
+async def test_service_ends_at_once_and_frees_the_port() -> None:
     site = Site()
     site.bench.put(topics.MAP, MAP_MESSAGE)
     await site.start()
@@ -268,7 +268,7 @@ async def test_viewer_sees_the_scene_by_the_name_that_it_knows(
     ("offered", "shown"),
     [((), "no subprotocol"), (("rosbridge_v2", "foxglove.websocket.v2"), "rosbridge_v2, foxglove.websocket")],
 )
-async def test_viewer_with_other_names_is_refused_and_the_log_says_why(
+async def test_viewer_with_other_subprotocols_is_refused_with_the_reason(
     address: str, caplog: pytest.LogCaptureFixture, offered: tuple[str, ...], shown: str
 ) -> None:
     names = [Subprotocol(name) for name in offered] or None
@@ -296,7 +296,7 @@ async def test_message_of_many_packets_arrives_whole(address: str) -> None:
         await until(lambda: "belt b" in one.entities("room"), what="the room")
 
 
-def test_names_are_found_and_exchanged_in_any_spelling_of_the_header() -> None:
+def test_subprotocols_are_exchanged_in_any_spelling_of_the_header() -> None:
     head = (
         b"GET / HTTP/1.1\r\nHost: x\r\nSEC-WebSocket-protocol:foxglove.websocket.v1 ,other\r\n"
         b"Sec-WebSocket-Protocol: foxglove.sdk.v1\r\nX: foxglove.websocket.v1\r\n\r\n"

@@ -29,7 +29,7 @@ class Ignored:
         pass
 
 
-async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
+async def test_site_gets_messages_and_time_of_the_recording() -> None:
     samples: list[models.ImuSample] = []
     ticks: list[models.ClockTick] = []
     maps: list[models.Environment] = []
@@ -95,7 +95,7 @@ class Compared(Ignored):
             self.states.add(entry.key)
 
 
-def test_what_services_skip_is_said_and_states_of_the_start_are_not_compared(
+def test_skipped_messages_are_reported_and_initial_states_not_compared(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = recording_with_observers(tmp_path / "run.mcap")
@@ -129,7 +129,7 @@ def subscribe(bus: MemoryBus, topic: AnyTopic, names: set[str]) -> None:
     bus.subscribe(topic, lambda _message, name: names.add(name))
 
 
-def test_a_site_keeps_its_own_page_and_recorder_and_gets_no_recorded_ones(tmp_path: Path) -> None:
+def test_site_keeps_its_own_page_and_recorder(tmp_path: Path) -> None:
     path = recording_with_observers(tmp_path / "run.mcap")
     came: dict[str, set[str]] = {}
 

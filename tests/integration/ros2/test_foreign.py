@@ -40,7 +40,7 @@ async def test_malformed_attachments_are_counted(a: Node, stranger: zenoh.Sessio
         assert re.search(why, said), said
 
 
-async def test_messages_that_are_too_long_are_dropped_unread_and_deletes_are_none(
+async def test_too_long_messages_are_dropped_and_deletes_ignored(
     at: Graphs, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(NodeContext, "max_bytes", 1000)
@@ -93,7 +93,7 @@ async def ask(stranger: zenoh.Session, payload: bytes, attached: bytes | None) -
     return await asyncio.to_thread(get)
 
 
-async def test_every_request_is_answered_whatever_it_is(at: Graphs, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_any_request_gets_an_answer(at: Graphs, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NodeContext, "max_bytes", 1000)
     a = await at.node("/a", "router")
     stranger = await at.stranger()
@@ -142,7 +142,7 @@ def garbled(query: zenoh.Query) -> list[tuple[bytes, bytes | None]]:
     ]
 
 
-async def test_of_answers_the_good_one_is_taken(a: Node, stranger: zenoh.Session) -> None:
+async def test_valid_answer_is_used_among_several(a: Node, stranger: zenoh.Session) -> None:
     key = f"7/s/{ADD.dds_name}/{ADD.hash}"
     takes = itertools.cycle([slice(None), slice(0, 6), slice(0, 0)])
 
@@ -161,7 +161,7 @@ async def test_of_answers_the_good_one_is_taken(a: Node, stranger: zenoh.Session
     queryable.undeclare()
 
 
-async def test_what_will_not_work_is_named_while_it_lasts(a: Node, stranger: zenoh.Session) -> None:
+async def test_graph_problem_is_reported_while_it_lasts(a: Node, stranger: zenoh.Session) -> None:
     a.hears("/x", POSE)
     rebuilt = f"@ros2_lv/7/abc/0/1/MP/%/%/robot/%x/{POSE.dds_name}/RIHS01_{'9' * 64}/::,10:,:,:,,"
     declared = stranger.liveliness().declare_token(rebuilt)
@@ -172,7 +172,7 @@ async def test_what_will_not_work_is_named_while_it_lasts(a: Node, stranger: zen
     await until(lambda: not a.shown.now)
 
 
-async def test_who_is_missing_is_noted_and_is_no_complaint(at: Graphs, a: Node) -> None:
+async def test_missing_nodes_are_a_note_and_no_problem(at: Graphs, a: Node) -> None:
     await until(lambda: "no other ROS node is seen in domain 7" in " ".join(a.backend.notes))
     b = await at.node("/b")
     b.hears("/z", POSE)

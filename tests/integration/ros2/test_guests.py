@@ -216,7 +216,7 @@ def has_color(frame: StripsFrame) -> bool:
     return False
 
 
-async def test_she_points_and_selects_without_a_service_of_ours(site: Site, look: Onlooker) -> None:
+async def test_ros_user_points_and_selects_without_pointit_services(site: Site, look: Onlooker) -> None:
     events: list[SelectionEvent] = []
     profiles: list[UserProfile] = []
     look.bus.subscribe(SELECTION_EVENTS, lambda message, _name: events.append(message))
@@ -273,7 +273,7 @@ async def test_she_points_and_selects_without_a_service_of_ours(site: Site, look
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL])
-async def test_she_leaves_and_returns_with_the_bridge(site: Site, look: Onlooker, number: int) -> None:
+async def test_ros_user_leaves_and_returns_with_the_bridge(site: Site, look: Onlooker, number: int) -> None:
     _, at_m = await thing(look)
     async with anna(site) as hers:
         hers.points_at(at_m)

@@ -52,7 +52,7 @@ async def test_a_map_in_many_parameters_becomes_a_file(commands: Commands, tmp_p
     assert (checked.code, checked.out) == (0, done.out)
 
 
-async def test_a_map_of_the_toolkit_that_is_one_text_comes_on_standard_output(commands: Commands) -> None:
+async def test_map_in_one_text_parameter_is_printed(commands: Commands) -> None:
     text = data_file("pointit-ros2/belt.yaml").read_text(encoding="utf-8")
     async with graphs() as at:
         node = await at.node(NODE, "router")
@@ -69,7 +69,7 @@ async def test_a_map_of_the_toolkit_that_is_one_text_comes_on_standard_output(co
     assert "the map of /pui: " in done.err
 
 
-async def test_no_router_is_said_within_seconds(commands: Commands, endpoint: str) -> None:
+async def test_missing_router_is_reported_within_seconds(commands: Commands, endpoint: str) -> None:
     with pytest.raises(ConnectError) as caught:
         await fetched(BackendConfig(endpoint=endpoint, mode="client"), wish())
     assert str(caught.value) == (

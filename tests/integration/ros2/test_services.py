@@ -70,7 +70,7 @@ async def test_a_server_that_comes_while_a_call_waits_is_asked(a: Node, b: Node)
     assert number_of(await call) == 2
 
 
-async def test_nobody_a_wrong_hash_and_a_slow_one_are_deadlines(a: Node, b: Node) -> None:
+async def test_call_times_out_without_server_on_wrong_hash_or_slow_answer(a: Node, b: Node) -> None:
     a.backend.serve("/slow", ADD, never)
     a.backend.serve("/other", BOOL, add)
     await until(lambda: {"/slow", "/other"} <= {each.name for each in b.graph.endpoints})
@@ -101,7 +101,7 @@ async def test_a_failing_server_is_an_answer_at_once(
     assert len([record for record in caplog.records if "could not be answered" in record.message]) == 1
 
 
-async def test_too_many_requests_at_once_are_refused_and_the_rest_answered(a: Node, b: Node) -> None:
+async def test_excess_requests_are_refused_and_others_answered(a: Node, b: Node) -> None:
     gate = asyncio.Event()
 
     async def wait(request: bytes) -> bytes:
@@ -162,7 +162,7 @@ def start(program: str, *arguments: str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([sys.executable, "-c", program, *arguments])
 
 
-async def test_who_asks_and_does_not_read_holds_up_nobody_else(at: Graphs) -> None:
+async def test_client_that_does_not_read_blocks_no_other(at: Graphs) -> None:
     a = await at.node("/a", "router")
     b = await at.node("/b", "client")
     gate = asyncio.Event()
@@ -200,7 +200,7 @@ async def echo(request: bytes) -> bytes:
     return request
 
 
-async def test_what_listens_there_and_is_no_router_is_named(at: Graphs) -> None:
+async def test_listener_that_is_no_router_is_reported(at: Graphs) -> None:
     run = await ZenohBus.open(Link(listen=(at.endpoint,)))
     try:
         a = await at.node("/a", "auto")
@@ -212,7 +212,7 @@ async def test_what_listens_there_and_is_no_router_is_named(at: Graphs) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has the option")
-async def test_who_is_cut_off_is_given_up_by_both_ends(at: Graphs) -> None:
+async def test_cut_connection_is_ended_by_both_sides(at: Graphs) -> None:
     await at.node("/router", "router")
     await at.node("/a", "peer")
 
@@ -223,7 +223,7 @@ async def test_who_is_cut_off_is_given_up_by_both_ends(at: Graphs) -> None:
     await until(lambda: bounded() >= 3, what="one that listens, both ends of a connection")
 
 
-async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts(at: Graphs) -> None:
+async def test_peer_waits_for_its_router_and_survives_restarts(at: Graphs) -> None:
     began_s = time.monotonic()
     a, b = await asyncio.gather(at.node("/a"), at.node("/b"))
     assert time.monotonic() - began_s < 5 * slowness(), "0.5 s where the machine has time"
@@ -295,7 +295,7 @@ async def test_clients_are_tried_again_and_survive_a_restart(at: Graphs) -> None
         await until(lambda: kept == [1, 2])
 
 
-async def test_who_cannot_join_says_so_in_a_sentence_and_can_be_cancelled() -> None:
+async def test_failing_join_is_reported_and_can_be_cancelled() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     client = BackendConfig(mode="client", endpoint=endpoint)
     with pytest.raises(ConnectError, match=r"nobody answers at tcp/127.0.0.1:\d+: start one with `ros2 run"):
@@ -316,7 +316,7 @@ async def test_who_cannot_join_says_so_in_a_sentence_and_can_be_cancelled() -> N
     await router.close()
 
 
-async def test_a_killed_node_is_gone_from_the_graph_and_its_calls_end(at: Graphs, a: Node) -> None:
+async def test_killed_node_leaves_the_graph_and_its_calls_end(at: Graphs, a: Node) -> None:
     kept = a.hears("/kept", BOOL, LATCHED)
     async with process("talker", at.endpoint) as talker:
         await until(lambda: "/talker" in a.graph.nodes and kept == [1])

@@ -67,7 +67,7 @@ async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[
 
 
 @pytest.mark.parametrize("modes", [("client", "peer"), ("router", "client")], ids="-".join)
-async def test_who_comes_late_gets_what_was_kept_once(at: Graphs, modes: tuple[str, str]) -> None:
+async def test_late_subscriber_gets_latched_messages_once(at: Graphs, modes: tuple[str, str]) -> None:
     if "router" not in modes:
         await at.node("/router", "router")
     a = await at.node("/a", modes[0])
@@ -92,7 +92,7 @@ async def test_who_comes_late_gets_what_was_kept_once(at: Graphs, modes: tuple[s
     await until(lambda: (state, early) == ([5, 6], [8, 9]))
 
 
-async def test_who_comes_late_hears_nothing_old_that_has_a_lifespan(at: Graphs, a: Node) -> None:
+async def test_late_subscriber_gets_no_old_messages_with_a_lifespan(at: Graphs, a: Node) -> None:
     log = a.backend.advertise("/rosout", POSE, ROSOUT)
     state = a.backend.advertise("/state", BOOL, LATCHED)
     for writer in (log, state):
@@ -117,7 +117,7 @@ async def test_who_comes_late_hears_nothing_old_that_has_a_lifespan(at: Graphs, 
     assert not b.shown.ever
 
 
-async def test_what_we_publish_never_comes_back(a: Node, b: Node) -> None:
+async def test_own_messages_never_return(a: Node, b: Node) -> None:
     own = a.hears("/both", POSE)
     other = b.hears("/both", POSE)
     kept = a.hears("/state", BOOL, LATCHED)
@@ -133,7 +133,7 @@ async def test_what_we_publish_never_comes_back(a: Node, b: Node) -> None:
     assert kept == []
 
 
-async def test_our_own_that_a_stranger_sends_back_are_dropped(a: Node, stranger: zenoh.Session) -> None:
+async def test_own_messages_sent_back_by_others_are_dropped(a: Node, stranger: zenoh.Session) -> None:
     samples: list[zenoh.Sample] = []
     take = Callback(samples.append, indirect=False)
     subscriber = stranger.declare_subscriber(key_of("/both"), take, allowed_origin=zenoh.Locality.REMOTE)
@@ -150,7 +150,7 @@ async def test_our_own_that_a_stranger_sends_back_are_dropped(a: Node, stranger:
     subscriber.undeclare()
 
 
-async def test_a_message_is_taken_once_however_often_it_comes(a: Node, stranger: zenoh.Session) -> None:
+async def test_repeated_message_is_processed_once(a: Node, stranger: zenoh.Session) -> None:
     seen = a.hears("/x", POSE)
     for number in (1, 1, 2, 1, 2, 3):
         stranger.put(key_of("/x"), cdr_of(number), attachment=attachment(number))
@@ -159,7 +159,7 @@ async def test_a_message_is_taken_once_however_often_it_comes(a: Node, stranger:
     assert seen == [1, 2, 3, 4]
 
 
-async def test_ends_that_are_closed_are_gone_and_the_rest_goes_on(a: Node, b: Node) -> None:
+async def test_closed_endpoints_are_gone_and_others_continue(a: Node, b: Node) -> None:
     seen: list[int] = []
     reader = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
     rest = b.hears("/rest", POSE)
@@ -206,7 +206,7 @@ async def test_handles_that_nobody_refers_to_stay_declared(a: Node, b: Node) -> 
     assert not seen
 
 
-async def test_a_busy_loop_drops_the_oldest_and_says_so(a: Node, b: Node) -> None:
+async def test_busy_loop_drops_the_oldest_messages_and_reports_it(a: Node, b: Node) -> None:
     seen: list[int] = []
     reader: Any = b.backend.subscribe("/x", POSE, RELIABLE, lambda cdr: seen.append(number_of(cdr)))
     queue = reader._queue
@@ -223,7 +223,7 @@ async def test_a_busy_loop_drops_the_oldest_and_says_so(a: Node, b: Node) -> Non
 
 
 @pytest.mark.parametrize("name", ["/pointit", "/pointit2"])
-async def test_bridges_in_one_domain_are_named_and_do_not_hear_each_other(at: Graphs, name: str) -> None:
+async def test_bridges_in_one_domain_are_reported_and_ignore_each_other(at: Graphs, name: str) -> None:
     a = await at.node("/pointit", "router", is_bridge=True)
     b = await at.node(name, is_bridge=True)
     robot = await at.node("/robot")

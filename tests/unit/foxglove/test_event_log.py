@@ -23,7 +23,7 @@ def said(lines: list[LogLine]) -> list[tuple[LogLevel, str, str]]:
     return [(line.level, line.source, line.text) for line in lines]
 
 
-def test_a_warning_is_told_when_it_comes_and_when_it_goes() -> None:
+def test_warning_is_logged_at_its_start_and_end() -> None:
     chronicle = SiteLog()
     first = chronicle.hear(health("nothing came for 3 s; start it"), "pui", 5)
     assert said(first) == [(LogLevel.Warning, "pui", "nothing came for 3 s; start it")]
@@ -36,7 +36,7 @@ def test_a_warning_is_told_when_it_comes_and_when_it_goes() -> None:
     assert chronicle.active_warnings(9) == []
 
 
-def test_what_fails_and_what_is_lost_is_told_as_it_grows() -> None:
+def test_growing_counts_of_errors_and_losses_are_logged() -> None:
     chronicle = SiteLog()
     assert said(chronicle.hear(health(errors=1, lost=2, invalid=3), "pui", 5)) == [
         (LogLevel.Error, "pui", "1 handlers failed; see its log"),
@@ -75,7 +75,7 @@ def test_selections_cues_and_states_are_sentences() -> None:
     assert chronicle.hear(state, "anna", 6) == []
 
 
-def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
+def test_localization_is_logged_by_phase_and_target() -> None:
     chronicle = SiteLog()
 
     def told(**fields: object) -> list[tuple[LogLevel, str, str]]:
@@ -105,7 +105,7 @@ def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
         ),
     ],
 )
-def test_a_state_that_returns_with_its_service_is_not_told_again(
+def test_unchanged_state_is_not_logged_when_its_service_returns(
     state: Localization | Interaction, service: str, line: str
 ) -> None:
     chronicle = SiteLog()
@@ -135,7 +135,7 @@ def test_a_line_is_a_log_message() -> None:
     }
 
 
-def test_who_steers_a_robot_and_why_it_stands_is_told_once() -> None:
+def test_steering_and_reason_of_a_robot_are_logged_once() -> None:
     chronicle = SiteLog()
 
     def told(**fields: object) -> list[tuple[LogLevel, str, str]]:

@@ -95,7 +95,7 @@ def test_fences_have_the_colours_of_the_dark_page() -> None:
         assert f'{kind}: {{ dark: "#{bytes(rgb).hex()}"' in APPEARANCE
 
 
-def test_kinds_have_one_colour_on_strips_in_the_page_and_in_viewers() -> None:
+def test_kinds_have_equal_colours_on_strips_page_and_viewers() -> None:
     start = APPEARANCE.index("export const KIND_COLORS")
     table = APPEARANCE[start : APPEARANCE.index("};", start)]
     page = {

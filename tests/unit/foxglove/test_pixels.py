@@ -51,7 +51,7 @@ def colors(points: np.ndarray[Any, Any]) -> list[tuple[int, ...]]:
     return [tuple(int(point[name]) for name in ("red", "green", "blue", "alpha")) for point in points]
 
 
-def test_pixels_lie_in_the_middle_of_equal_parts_the_first_where_the_wire_begins() -> None:
+def test_pixels_lie_in_the_middle_of_equal_parts_of_strips() -> None:
     points = cloud()
     places = np.column_stack([points["x"], points["y"], points["z"]])
     assert places == pytest.approx(
@@ -99,7 +99,7 @@ def shown(made: SiteScene, part: Part = "robots") -> dict[str, dict[str, Any]]:
     return {entity["id"]: entity for entity in read(made.draw(part, 5)).get("entities", [])}
 
 
-def test_a_robot_has_the_colour_of_who_steers_it_and_what_is_left_of_its_way() -> None:
+def test_robot_has_the_colour_of_its_user_and_its_plan() -> None:
     entity = shown(scene((QUAD, "quad"), (PLAN, "quad")))["robot quad"]
     assert entity["arrows"][0]["color"] == pytest.approx({"g": 1.0, "a": 1.0})
     assert entity["texts"][0]["text"] == "quad\nanna moving"
@@ -115,7 +115,7 @@ def test_a_robot_has_the_colour_of_who_steers_it_and_what_is_left_of_its_way() -
     }
 
 
-def test_a_robot_that_stands_free_is_grey_and_has_no_way() -> None:
+def test_robot_without_a_user_is_grey_without_a_plan() -> None:
     free = QUAD.model_copy(
         update={"kind": "ground", "user": "", "target_m": None, "position_m": (1.0, 2.0, 0.0)}
     )
@@ -125,7 +125,7 @@ def test_a_robot_that_stands_free_is_grey_and_has_no_way() -> None:
     assert len(entity["cylinders"]) == 1
 
 
-def test_a_robot_is_not_drawn_once_more_as_a_tracked_object() -> None:
+def test_robot_is_not_drawn_twice_as_a_tracked_object() -> None:
     things = tuple(
         models.TrackedObject(id=name, kind="robot", position_m=(x_m, 2.0, 0.0))
         for name, x_m in (("quad", 1.0), ("other", 3.0))
@@ -134,7 +134,7 @@ def test_a_robot_is_not_drawn_once_more_as_a_tracked_object() -> None:
     assert set(shown(made, "objects")) == {"robot.quad other"}
 
 
-def test_a_robot_that_is_silent_goes_and_comes_back_with_its_plan() -> None:
+def test_silent_robot_is_removed_and_returns_with_its_plan() -> None:
     made = scene((QUAD, "quad"), (PLAN, "quad"))
     made.forget(5.0)
     assert shown(made) == {}
@@ -142,7 +142,7 @@ def test_a_robot_that_is_silent_goes_and_comes_back_with_its_plan() -> None:
     assert any(len(line["points"]) == 3 for line in shown(made)["robot quad"]["lines"])
 
 
-def test_way_points_are_numbered_until_they_are_sent_or_the_person_leaves() -> None:
+def test_way_points_are_numbered_until_sent_or_departure() -> None:
     made = scene((models.Steering(stamp_ns=1, waypoints_m=((0, 0, 0), (1, 0, 0))), "anna"))
     assert [text["text"] for text in shown(made)["way-points anna"]["texts"]] == ["1", "2"]
     made.take(models.Steering(stamp_ns=2), "anna", 0.0)

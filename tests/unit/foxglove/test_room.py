@@ -42,7 +42,7 @@ def test_a_ribbon_keeps_its_width_around_a_corner() -> None:
     assert triangles == [0, 1, 2, 2, 1, 3, 2, 3, 4, 4, 3, 5]
 
 
-def test_a_ribbon_that_turns_back_or_goes_straight_up_stays_a_ribbon() -> None:
+def test_ribbon_is_finite_when_it_turns_back_or_is_upright() -> None:
     back, _ = ribbon(Polyline([(0, 0, 0), (2, 0, 0), (0, 0, 0)]), 1.0)
     assert np.abs(back).max() <= 2.0
     up, _ = ribbon(Polyline([(0, 0, 0), (0, 2, 0), (0, 2, 2)]), 1.0)
@@ -113,7 +113,7 @@ def test_every_kind_of_thing_is_drawn_where_it_is() -> None:
     assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(0.4)
 
 
-def test_a_line_without_length_is_told_and_the_rest_is_drawn() -> None:
+def test_line_without_length_is_reported_and_others_are_drawn() -> None:
     dot = Strip(id="dot", line_m=((1, 1, 1), (1, 1, 1)), pixels=3)
     strip = Strip(id="s", line_m=((0, 0, 0), (1, 0, 0)), pixels=3)
     belt = Belt(id="b", line_m=((0, 0, 1), (2, 0, 1)))
@@ -275,7 +275,7 @@ def test_the_finger_is_on_the_line_from_the_eyes() -> None:
     assert vector.angle_between(vector.subtract(finger, EYES), direction) < 1e-6
 
 
-def test_who_does_not_point_has_no_arm_and_no_ray() -> None:
+def test_person_without_a_cursor_has_no_arm_and_no_ray() -> None:
     body = shown(standing())
     assert set(body) == {"person anna"}
     assert len(body["person anna"]["cylinders"]) == 1

@@ -65,7 +65,7 @@ def test_a_package_stands_on_its_belt_along_it() -> None:
     assert "lines" not in entity
 
 
-def test_who_has_a_package_is_its_outline_and_its_words() -> None:
+def test_owner_of_a_package_is_its_outline_and_label() -> None:
     chosen = SelectedObject(id="7", user="anna", since_ns=1, kind="red")
     made = scene(
         (objects(PACKAGE), "plant"),
@@ -90,14 +90,14 @@ def edge_lengths(line: dict[str, Any]) -> list[float]:
     return [vector.norm(vector.subtract(a, b)) for a, b in zip(places[::2], places[1::2], strict=True)]
 
 
-def test_a_reserved_package_says_so() -> None:
+def test_reserved_package_has_an_outline_and_a_fact() -> None:
     reserved = models.Selection(stamp_ns=1, reserved=(ReservedObject(id="7", user="anna", until_ns=9),))
     (entity,) = shown(scene((objects(PACKAGE), "plant"), (reserved, "")), "objects").values()
     assert facts(entity)["reserved by"] == "anna"
     assert len(entity["lines"]) == 1
 
 
-def test_a_robot_is_a_ball_with_its_way_and_its_name() -> None:
+def test_tracked_robot_is_a_ball_with_velocity_and_name() -> None:
     robot = models.TrackedObject(id="r1", kind="robot", position_m=(1, 2, 3), velocity_mps=(0, 0, 2.0))
     (entity,) = shown(scene((objects(robot), "tracker")), "objects").values()
     assert entity["spheres"][0]["pose"]["position"] == {"x": 1, "y": 2, "z": 3}
@@ -109,7 +109,7 @@ def test_a_robot_is_a_ball_with_its_way_and_its_name() -> None:
 @pytest.mark.parametrize(
     "change", [{"surface_id": "gone"}, {"surface": "strip"}, {"surface_position_m": 1e12}]
 )
-def test_objects_on_lines_that_are_not_there_are_shown_all_the_same(change: dict[str, Any]) -> None:
+def test_objects_on_unknown_lines_are_drawn(change: dict[str, Any]) -> None:
     odd = PACKAGE.model_copy(update=change)
     assert len(shown(scene((objects(odd), "plant")), "objects")) == 1
 
@@ -118,7 +118,7 @@ def test_two_trackers_may_use_the_same_name() -> None:
     assert len(shown(scene((objects(PACKAGE), "a"), (objects(PACKAGE), "b")), "objects")) == 2
 
 
-def test_what_has_left_is_taken_away() -> None:
+def test_ended_objects_are_deleted() -> None:
     made = scene((objects(PACKAGE), "plant"))
     made.draw("objects", 5)
     made.take(objects(), "plant", 0.1)
@@ -128,7 +128,7 @@ def test_what_has_left_is_taken_away() -> None:
     assert "entities" not in update
 
 
-def test_silence_takes_away_rays_and_objects() -> None:
+def test_silent_rays_and_objects_are_removed() -> None:
     cursor = models.Cursor(
         stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0), point_m=(1, 0, 1), range_m=1.0
     )
@@ -171,7 +171,7 @@ def test_lamps_show_their_colour_and_their_name() -> None:
     assert shown(made, "lamps")["lamp 1"]["spheres"][0]["color"]["r"] == 1.0
 
 
-def test_bays_tell_what_came_out() -> None:
+def test_bays_show_counts_by_kind() -> None:
     counts = (BayCount(bay="3", kind="red", count=4, selected=3), BayCount(bay="9", kind="red", count=1))
     made = scene((models.ConveyorState(stamp_ns=1, speed_mps=0.5, bays=counts), ""))
     (entity,) = shown(made, "bays").values()

@@ -54,7 +54,7 @@ class Stream:
         return self.bodies.problem(self.now_ns)
 
 
-def test_the_y_axis_of_motive_is_up_in_the_room_unless_z_is() -> None:
+def test_y_axis_of_motive_is_up_unless_configured() -> None:
     stream = Stream(up="y", bodies={"cart": {"kind": "robot"}})
     turn = (0.0, math.sin(0.4), 0.0, math.cos(0.4))
     stream.put(("cart", BodySample(1, (1.0, 2.0, 3.0), turn, 0.0004, is_tracked=True, measured=None)))
@@ -76,7 +76,7 @@ def test_a_frame_of_the_map_turns_and_moves_bodies() -> None:
     assert stream.objects["cart"].yaw_rad == pytest.approx(math.pi / 2)
 
 
-def test_objects_have_their_kind_speed_and_an_uncertainty_of_a_millimetre_at_least() -> None:
+def test_objects_have_kind_speed_and_at_least_a_millimetre_uncertainty() -> None:
     stream = Stream(bodies={"cup": {"kind": "red", "length_m": 0.2}})
     for index in range(30):
         stream.put(("cup", body(0.01 * index)), ("box", body(5.0)))
@@ -94,9 +94,7 @@ def test_objects_have_their_kind_speed_and_an_uncertainty_of_a_millimetre_at_lea
         (body(9.0, measured=2), "cup has 2 markers that cameras see"),
     ],
 )
-def test_bodies_that_are_unseen_or_filled_in_from_the_model_leave_and_are_reported(
-    hidden: BodySample, sentence: str
-) -> None:
+def test_unseen_and_model_filled_bodies_leave_and_are_reported(hidden: BodySample, sentence: str) -> None:
     stream = Stream(bodies={"cup": {}})
     stream.put(("cup", body(1.0, measured=3)), times=2)
     assert not stream.put(("cup", hidden), times=10)
@@ -109,7 +107,7 @@ def test_bodies_that_are_unseen_or_filled_in_from_the_model_leave_and_are_report
     assert stream.bodies.states() == {"cup": False}
 
 
-def test_two_bodies_that_exchange_names_are_not_used_and_both_are_named() -> None:
+def test_bodies_that_exchange_names_are_not_used_and_reported() -> None:
     stream = Stream()
     stream.put(("cup", body(1.0)), ("plate", body(1.75)), times=5)
     assert not stream.put(("cup", body(1.75)), ("plate", body(1.0)), times=50)
@@ -127,7 +125,7 @@ def test_a_jump_is_used_after_it_stayed_for_a_moment() -> None:
     assert stream.objects["cup"].velocity_mps == (0.0, 0.0, 0.0)
 
 
-def test_a_fast_hand_and_a_body_that_was_hidden_have_not_jumped() -> None:
+def test_fast_and_reappearing_bodies_have_not_jumped() -> None:
     stream = Stream()
     for index in range(100):
         assert stream.put(("cup", body(0.05 * index))) == {"cup"}, "5 m/s"
@@ -141,7 +139,7 @@ def test_bodies_of_one_name_are_not_used_and_reported() -> None:
     assert "two bodies are called 'cup'" in stream.problem
 
 
-def test_a_body_that_is_renamed_or_removed_is_named_as_at_the_start() -> None:
+def test_renamed_or_removed_body_is_reported_as_missing() -> None:
     stream = Stream(bodies={"cap": {"person": "anna"}, "cup": {}})
     assert stream.problem == "", "nothing is streamed yet"
     stream.put(("cap", body(1.0, z=1.7)), ("cup", body(2.0)), times=100)
@@ -154,7 +152,7 @@ def test_a_body_that_is_renamed_or_removed_is_named_as_at_the_start() -> None:
     assert stream.problem.startswith("Motive streams no body 'cup': did you mean cap?")
 
 
-def test_a_person_whose_head_is_beside_where_one_can_be_refuses_the_stream_with_the_parameters() -> None:
+def test_stream_is_refused_when_a_head_is_implausible() -> None:
     """As of a Motive that streams z up, read as y up: the cap of a person at (1, -1.5)."""
     room = (("cup", body(0.5, 1.0, 0.8)), ("cap", body(1.0, -1.5, 1.7)))
     stream = Stream(up="y", bodies={"cap": {"person": "anna"}, "cup": {"kind": "red"}})
@@ -167,7 +165,7 @@ def test_a_person_whose_head_is_beside_where_one_can_be_refuses_the_stream_with_
     assert Stream(bodies={"cap": {"person": "anna"}}).put(*room) == {"cup", "cap"}
 
 
-def test_a_person_who_sits_down_later_or_comes_sitting_ends_nothing() -> None:
+def test_stream_stays_in_use_when_a_person_sits() -> None:
     stream = Stream(bodies={"cap": {"person": "anna"}, "hat": {"person": "ben"}})
     for tick in range(200):
         used = stream.put(("cap", body(1.0, z=1.7 - 0.006 * tick)), ("cup", body(3.0)))
@@ -178,7 +176,7 @@ def test_a_person_who_sits_down_later_or_comes_sitting_ends_nothing() -> None:
     assert "hat" in stream.put(("hat", body(2.0, z=0.9)))
 
 
-def test_axes_that_change_while_it_streams_are_refused_again() -> None:
+def test_stream_is_refused_again_when_its_axes_change() -> None:
     stream = Stream(bodies={"cap": {"person": "anna"}})
     stream.put(("cap", body(1.0, -1.5, 1.7)), ("cup", body(0.5, 1.0, 0.8)), times=50)
     assert not stream.put(("cap", body(1.0, 1.7, -1.5)), ("cup", body(0.5, 0.8, 1.0)), times=1200)
@@ -186,7 +184,7 @@ def test_axes_that_change_while_it_streams_are_refused_again() -> None:
 
 
 @pytest.mark.parametrize(("unit", "is_used"), [("m", False), ("mm", True)])
-def test_millimetres_are_read_as_declared_and_refused_else(unit: str, *, is_used: bool) -> None:
+def test_millimetres_are_refused_unless_declared(unit: str, *, is_used: bool) -> None:
     stream = Stream(unit=unit)
     assert bool(stream.put(("cup", body(1000.0, 1500.0, 800.0)), times=2)) is is_used
     if is_used:
@@ -197,7 +195,7 @@ def test_millimetres_are_read_as_declared_and_refused_else(unit: str, *, is_used
         MocapConfig(system="qtm", unit="mm")
 
 
-def test_a_body_that_is_where_one_that_left_was_has_not_been_exchanged() -> None:
+def test_body_in_place_of_a_departed_one_is_no_exchange() -> None:
     stream = Stream()
     stream.put(("cup", body(1.0)), ("plate", body(3.0)), times=50)
     stream.put(("cup", body(1.0)), times=500)
@@ -217,7 +215,7 @@ def test_people_have_one_head_each(bodies: object, sentence: str) -> None:
         MocapConfig.model_validate({"server": "motive", "bodies": bodies})
 
 
-def test_figures_of_a_person_with_the_longest_name_are_accepted_by_health() -> None:
+def test_figures_of_the_longest_name_are_accepted_by_health() -> None:
     person = "p" * 64
     bodies = {"cuff": {"person": person, "part": "forearm"}, "cap": {"person": person}}
     config = MocapConfig.model_validate({"server": "127.0.0.1", "truth": True, "bodies": bodies})
@@ -226,7 +224,7 @@ def test_figures_of_a_person_with_the_longest_name_are_accepted_by_health() -> N
     assert [Figure(name=name, value=1.0, unit=unit).name for name, (_, unit) in figures.items()] == [*figures]
 
 
-def test_truth_shows_the_error_of_the_pose_in_force_as_the_person_moves() -> None:
+def test_truth_gives_the_error_of_the_current_pose() -> None:
     bodies = {"cap": {"person": "anna"}}
     config = MocapConfig.model_validate({"server": "127.0.0.1", "truth": True, "bodies": bodies})
     worn = WornBodies(config)
@@ -247,7 +245,7 @@ def test_truth_shows_the_error_of_the_pose_in_force_as_the_person_moves() -> Non
 
 
 @pytest.mark.parametrize("is_truth", [False, True])
-def test_a_yaw_that_jumps_ends_pose_and_truth_within_2_s(*, is_truth: bool) -> None:
+def test_pose_and_truth_end_when_the_yaw_jumps(*, is_truth: bool) -> None:
     bodies = {"cap": {"person": "anna"}, "cuff": {"person": "anna", "part": "forearm"}}
     config = MocapConfig.model_validate({"server": "127.0.0.1", "truth": is_truth, "bodies": bodies})
     worn = WornBodies(config)

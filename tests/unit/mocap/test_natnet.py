@@ -78,7 +78,7 @@ class Conversation:
 
 
 @pytest.mark.parametrize("version", [(3, 0), (3, 1), (4, 0), (4, 1)])
-def test_bodies_come_with_their_names_and_the_time_of_their_exposure(version: tuple[int, int]) -> None:
+def test_bodies_have_their_names_and_times_of_exposure(version: tuple[int, int]) -> None:
     talk = Conversation(version)
     talk.stream(3, Body(2), Body(1))
     assert [name for name, _ in talk.used[-1].bodies] == ["plate", "cup"]
@@ -87,13 +87,13 @@ def test_bodies_come_with_their_names_and_the_time_of_their_exposure(version: tu
     assert talk.problem == ""
 
 
-def test_servers_without_a_clock_are_stamped_at_arrival_with_a_larger_uncertainty() -> None:
+def test_frames_without_a_clock_are_stamped_at_arrival() -> None:
     talk = Conversation((2, 9))
     talk.stream(1)
     assert (talk.used[-1].stamp_ns, talk.used[-1].sigma_s) == (talk.now_ns, 0.02)
 
 
-def test_frames_without_a_time_of_exposure_are_stamped_when_they_were_sent() -> None:
+def test_frames_are_stamped_at_sending_when_exposure_is_missing() -> None:
     talk = Conversation()
     talk.now_ns += 10 * MS
     data = natnet.frame([Body(1)], exposure=0, sent=ticks(talk.now_ns - 3 * MS))
@@ -102,7 +102,7 @@ def test_frames_without_a_time_of_exposure_are_stamped_when_they_were_sent() -> 
     assert talk.used[-1].sigma_s >= 0.005
 
 
-def test_a_server_that_does_not_answer_and_one_that_sends_no_frames_are_told_apart() -> None:
+def test_silence_and_missing_frames_have_different_messages() -> None:
     talk = Conversation(connected=False)
     assert talk.problem == ""
     talk.now_ns += 4 * NS_PER_S
@@ -129,7 +129,7 @@ def test_a_recording_that_motive_plays_is_not_used() -> None:
     assert "90.0 s old" in talk.problem
 
 
-def test_frames_of_another_machine_are_not_used_and_reported_for_a_while() -> None:
+def test_frames_of_another_machine_are_reported_and_not_used() -> None:
     talk = Conversation()
     talk.stream(1)
     talk.session.receive_unknown(natnet.frame([Body(1)], number=9), "10.0.0.9", talk.now_ns)
@@ -149,7 +149,7 @@ def test_a_damaged_packet_costs_itself_only() -> None:
     assert "sent no NatNet as it is known" in talk.problem
 
 
-def test_names_are_asked_for_again_when_models_changed_or_an_unknown_body_comes() -> None:
+def test_names_are_requested_when_models_change_or_bodies_are_unknown() -> None:
     talk = Conversation()
     talk.stream(1, flags=2)
     talk.answer({1: "mug"})
@@ -165,7 +165,7 @@ def test_names_are_asked_for_again_when_models_changed_or_an_unknown_body_comes(
     assert 4 not in talk.asked, "names that are known are not asked for"
 
 
-def test_bodies_of_one_streaming_id_are_not_used_and_both_are_named() -> None:
+def test_bodies_that_share_an_id_are_not_used_and_reported() -> None:
     talk = Conversation()
     talk.stream(1, flags=2)
     models = natnet.models({1: "cap", 2: "cup", 7: "cuff"}).replace(
@@ -199,7 +199,7 @@ def test_a_server_that_is_silent_is_connected_to_anew() -> None:
 
 
 @pytest.mark.parametrize("rate", [-40e-6, 0.0, 40e-6])
-def test_the_clock_is_known_within_half_a_millisecond_though_it_drifts_and_echoes_are_late(
+def test_clock_is_accurate_to_half_a_millisecond_with_drift_and_delays(
     rate: float,
 ) -> None:
     dice = random.Random(3)
@@ -219,7 +219,7 @@ def test_the_clock_is_known_within_half_a_millisecond_though_it_drifts_and_echoe
 
 
 @pytest.mark.parametrize("step_ns", [-30 * NS_PER_S, 8 * MS, 30 * NS_PER_S])
-def test_a_clock_that_was_set_is_followed_from_the_next_echo_on(step_ns: int) -> None:
+def test_clock_that_was_set_is_followed_from_the_next_echo(step_ns: int) -> None:
     clock = ServerClock(CLOCK_HZ)
     for index in range(40):
         sent_ns = START_NS + index * NS_PER_S // 2
@@ -263,7 +263,7 @@ def test_frames_that_were_recorded_from_motive_are_read(version: str) -> None:
 
 
 @pytest.mark.parametrize("version", ["3.0", "3.1", "4.0", "4.1"])
-def test_frames_that_another_program_wrote_are_read_past_skeletons_assets_and_plates(version: str) -> None:
+def test_frames_of_another_program_are_read_past_other_sections(version: str) -> None:
     frame = read_frame(split_packet(PACKETS[f"frame {version}"])[1], version_of(version))
     cup, occluded, ghost = frame.bodies
     assert (frame.number, frame.flags, frame.exposure_ticks) == (1234, 2, 125_000_000)
@@ -309,7 +309,7 @@ def test_a_body_without_a_position_or_orientation_is_not_tracked(number: float) 
         assert not read_frame(bytes(changed), (3, 1)).bodies[0].is_tracked
 
 
-def test_names_may_be_empty_repeat_and_be_in_the_code_page_of_windows() -> None:
+def test_names_may_be_empty_repeated_or_in_a_windows_code_page() -> None:
     payload = split_packet(PACKETS["models 3.1"])[1]
     body = struct.pack("<i", 1)  # the kind of a model, before its name
     changed = payload.replace(body + b"cup\0", body + b"\0").replace(body + b"ghost\0", body + b"cup\0")
@@ -322,7 +322,7 @@ def test_a_request_to_connect_asks_for_version_4_1() -> None:
     assert (message, len(payload), payload[-4:]) == (0, 269, bytes((4, 1, 0, 0)))
 
 
-def test_thousands_of_damaged_packets_are_refused_or_read_and_raise_nothing_else() -> None:
+def test_damaged_packets_are_read_or_refused() -> None:
     dice = random.Random(1)
     names = sorted(PACKETS)
     for _ in range(2000):

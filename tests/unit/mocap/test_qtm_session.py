@@ -111,7 +111,7 @@ def test_a_residual_that_is_none_leaves_the_least_uncertainty(residual: float) -
     assert pose.sigma_m == 0.001
 
 
-def test_the_axis_that_points_up_is_that_of_qtm_unless_it_is_configured() -> None:
+def test_up_axis_is_that_of_qtm_unless_configured() -> None:
     talk = QtmConversation(up="+Y")
     talk.stream(1)
     ((y_up,),) = (Bodies(MocapConfig(system="qtm")).update(talk.used[-1], None),)
@@ -154,7 +154,7 @@ def test_a_measurement_that_begins_anew_is_used_at_once() -> None:
     ("delay_ns", "stands", "sentence"),
     [(3 * NS_PER_S, False, "come 3.0 s late"), (5 * MS, True, "stand still")],
 )
-def test_frames_that_come_seconds_late_or_stand_still_are_not_used_and_reported(
+def test_late_and_repeated_frames_are_reported_and_not_used(
     delay_ns: int, sentence: str, *, stands: bool
 ) -> None:
     talk = QtmConversation()
@@ -164,7 +164,7 @@ def test_frames_that_come_seconds_late_or_stand_still_are_not_used_and_reported(
     assert sentence in talk.session.problem(talk.now_ns + 3 * NS_PER_S)
 
 
-def test_a_file_that_qtm_plays_is_not_used_until_cameras_measure() -> None:
+def test_played_file_is_not_used_until_cameras_measure() -> None:
     talk = QtmConversation()
     talk.session.set_event(8)
     talk.stream(100)
@@ -179,7 +179,7 @@ def test_a_file_that_qtm_plays_is_not_used_until_cameras_measure() -> None:
     assert len(talk.used) == 1
 
 
-def test_frames_are_not_used_under_the_names_of_settings_that_have_changed() -> None:
+def test_frames_are_not_used_when_settings_have_changed() -> None:
     talk = QtmConversation("cup")
     talk.stream(1)
     talk.session.set_event(11)
@@ -193,7 +193,7 @@ def test_frames_are_not_used_under_the_names_of_settings_that_have_changed() -> 
     assert len(talk.used) == 2
 
 
-def test_frames_whose_bodies_have_no_names_are_not_used_and_names_are_asked_for() -> None:
+def test_frames_without_names_are_not_used_and_names_requested() -> None:
     talk = QtmConversation("cup", "plate")
     assert not talk.session.are_settings_stale
     talk.stream(200)
@@ -202,7 +202,7 @@ def test_frames_whose_bodies_have_no_names_are_not_used_and_names_are_asked_for(
     assert "its frames have 1 bodies, its settings 2" in talk.problem
 
 
-def test_no_frames_and_no_connection_are_told_apart() -> None:
+def test_missing_frames_and_missing_connection_have_different_messages() -> None:
     talk = QtmConversation()
     assert "answers, but no frames come: start a measurement" in talk.session.problem(
         talk.now_ns + 4 * NS_PER_S
@@ -283,7 +283,7 @@ async def test_a_packet_as_the_protocol_describes_it_is_read() -> None:
     assert body.orientation_xyzw == pytest.approx((0.0, 0.0, half, half))
 
 
-def test_the_encoder_of_these_tests_agrees_with_the_makers_decoder() -> None:
+def test_test_encoder_agrees_with_the_decoder_of_the_maker() -> None:
     qtm_rt = pytest.importorskip("qtm_rt", reason="qtm-rt is not installed")
     from tests.unit.mocap.qtm_server import frame  # noqa: PLC0415 - only with that package
 

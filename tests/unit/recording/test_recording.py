@@ -93,7 +93,7 @@ def test_presence_head_times_and_counts_are_read_back(path: Path) -> None:
         assert recording.counts == {"alive/users/anna": 2, "users/anna/cursor": 250}
 
 
-def test_entries_are_those_of_the_keys_and_times_that_are_asked_for(path: Path) -> None:
+def test_entries_are_those_of_the_requested_keys_and_times(path: Path) -> None:
     write(path, [each for k in range(100) for each in (cursor(k / 10), cursor(k / 10, "ben"))])
     with Recording.open(path) as recording:
         found = list(recording.entries(lambda key: key == topics.CURSOR.at("ben"), at(2.0), at(3.0)))
@@ -126,7 +126,7 @@ def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None
 
 
 @pytest.mark.parametrize("share", [0.999, 0.7, 0.4])
-def test_file_that_ends_in_the_middle_is_read_but_for_the_last_half_second(path: Path, share: float) -> None:
+def test_cut_file_is_read_but_for_the_last_half_second(path: Path, share: float) -> None:
     written = session()
     with path.open("wb") as file:
         writer = RecordingWriter(file, make_head("lab", START))
@@ -212,7 +212,7 @@ def test_recording_that_is_too_long_is_read_to_the_limit(path: Path, monkeypatch
         assert list(recording.entries()) == session()[: sum(recording.counts.values())] != []
 
 
-def test_damaged_chunk_is_left_out_and_said(path: Path) -> None:
+def test_damaged_chunk_is_left_out_and_reported(path: Path) -> None:
     write(path, session())
     damage(path, chunks(path)[4].offset + 200)
     with Recording.open(path) as recording:
@@ -235,7 +235,7 @@ def test_damage_anywhere_never_raises_anything_else(path: Path) -> None:
             pass
 
 
-def test_channels_that_were_described_in_a_damaged_chunk_are_known_from_the_end(path: Path) -> None:
+def test_channels_of_a_damaged_chunk_are_read_from_the_end(path: Path) -> None:
     write(path, session())
     damage(path, chunks(path)[0].offset + 200)
     with Recording.open(path) as recording:
@@ -443,7 +443,7 @@ def message_of(hostile: Hostile, schema: str, content: bytes, key: str = "users/
         ("ImuSample.v1", b" " * 10**6, "at most"),
     ],
 )
-def test_message_that_is_none_is_counted_with_the_first_complaint(
+def test_invalid_message_is_counted_with_the_first_error(
     schema: str, content: bytes, complaint: str, hostile: Hostile, path: Path
 ) -> None:
     message_of(hostile, schema, content)

@@ -60,7 +60,7 @@ def test_numbers_differ_beyond_the_tolerance_of_their_topic(key: str, change: fl
     assert topic.differ == differ
 
 
-def test_largest_difference_is_told_by_field_with_the_first_message() -> None:
+def test_largest_difference_is_reported_by_field_with_the_first_message() -> None:
     before = [sample(CURSOR, at, point_m=(0.0, 0.0, 1.0)) for at in (0, 20, 40)]
     after = [
         sample(CURSOR, at, point_m=(0.0, x, 1.0)) for at, x in zip((0, 20, 40), (0.0, 0.1, -0.3), strict=True)
@@ -116,7 +116,7 @@ def test_differences_name_field_and_size(before: dict[str, Any], after: dict[str
     assert differences(before, before) == []
 
 
-def test_the_first_that_differs_shows_only_the_strips_that_do_and_their_pixel() -> None:
+def test_first_divergence_shows_only_differing_strips_and_their_pixel() -> None:
     def frame(red: int) -> Sample:
         strips = [{"id": "1", "rgb": bytes(6)}, {"id": "2", "rgb": bytes([0, 0, 0, red, 20, 30])}]
         return sample("strips/frame", 0, strips=strips)
@@ -172,7 +172,7 @@ def test_entry_is_recomputed_where_its_writer_runs(row: AnyRow, name: str, body:
     assert [level for level in every if Split(level, ALL).is_recomputed(said)] == levels.split()
 
 
-def test_a_recording_without_configurations_is_refused_with_what_is_missing() -> None:
+def test_recording_without_configurations_is_refused_with_the_missing_services() -> None:
     with pytest.raises(ReplayError, match=r"no configuration of any service that --from cursors replays"):
         Split("cursors", ["pointing.anna"])
 
@@ -212,14 +212,14 @@ def test_solids_things_and_fences_are_read_again_as_they_were(tmp_path: Path) ->
     assert again(room, tmp_path) == room
 
 
-def test_a_map_with_clouds_is_not_written_since_its_points_are_not_in_the_message(tmp_path: Path) -> None:
+def test_map_with_point_clouds_is_not_written(tmp_path: Path) -> None:
     cloud = Cloud(id="scan", points=9, low_m=(0.0, 0.0, 0.0), high_m=(1.0, 1.0, 1.0))
     assert write_room(load_map("lab", 5).model_copy(update={"clouds": (cloud,)}), tmp_path) is None
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["../../outside", "/outside", "a\0b", "", "..", "x" * 5000])
-def test_a_map_with_a_hostile_name_is_written_into_the_folder(name: str, tmp_path: Path) -> None:
+def test_map_with_a_hostile_name_stays_in_the_folder(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "inside"
     folder.mkdir()
     path = write_room(load_map("lab", 5).model_copy(update={"name": name}), folder)

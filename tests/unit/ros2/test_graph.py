@@ -49,7 +49,7 @@ def found(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_fits_is_nothing_to_speak_of(kind: EndpointKind) -> None:
+def test_matching_endpoints_give_no_findings(kind: EndpointKind) -> None:
     other = COUNTERPART[kind]
     assert found(end(kind), end(other, "/robot")) == {}
     assert found(end(kind), end(other, "/robot", replace(POSE, hash=""))) == {}, "unknown, it fits every one"
@@ -99,7 +99,7 @@ RELIABLE = Qos()
         (None, LATCHED, ""),
     ],
 )
-def test_what_dds_would_not_match(writer: Qos | None, reader: Qos | None, says: str) -> None:
+def test_qos_that_dds_would_not_match_is_reported(writer: Qos | None, reader: Qos | None, says: str) -> None:
     sides: tuple[EndpointKind, ...] = ("publisher", "subscriber")
     for here in sides:
         mine, theirs = (writer, reader) if here == "publisher" else (reader, writer)
@@ -118,7 +118,7 @@ def test_everybody_is_in_another_domain() -> None:
     )
 
 
-def test_what_we_look_for_is_in_another_domain() -> None:
+def test_counterpart_in_another_domain_is_reported() -> None:
     here = end("publisher", "/near", name="/y")
     assert "domain" in found(end(), here, end("publisher", "/robot", domain=0))
     assert "domain" not in found(end(), here, end("publisher", "/robot", domain=0, name="/z"))
@@ -138,7 +138,7 @@ def test_another_pointit_is_named_and_its_domain_never_advised() -> None:
     assert "set domain_id to 3" in found(end(), replace(bridge, domain=0), robot)["domain"].sentence
 
 
-def test_who_is_missing_is_a_note() -> None:
+def test_absence_of_other_nodes_is_a_note() -> None:
     assert found(end()) == {
         "nobody": Finding(
             about="nobody", is_note=True, sentence="no other ROS node is seen in domain 7: they need this"
@@ -163,7 +163,9 @@ def test_long_names_and_many_nodes_are_cut() -> None:
         (BOOL, "type", "nothing arrives"),
     ],
 )
-def test_whether_anything_arrives_is_told(of: RosType, matching: Matching, says: str) -> None:
+def test_definition_finding_states_whether_messages_arrive(
+    of: RosType, matching: Matching, says: str
+) -> None:
     result = found(end(qos=LATCHED), end("publisher", "/robot", of, qos=SENSOR), matching=matching)
     about = "definition of /x" if of == OTHER else "type of /x"
     assert says in result[about].sentence
@@ -183,7 +185,7 @@ def rostered(tokens: Iterable[str]) -> tuple[LivelinessDirectory, list[int]]:
     return roster, changes
 
 
-def test_a_roster_knows_who_came_and_went() -> None:
+def test_directory_follows_tokens() -> None:
     roster, changes = rostered(["/a@7", "/b@0", "/end@7", "nonsense"])
     assert roster.graph() == Graph(
         nodes=frozenset({"/a", "/end"}), endpoints=frozenset({end("publisher", "/end")})
@@ -195,7 +197,7 @@ def test_a_roster_knows_who_came_and_went() -> None:
     assert roster.graph() == Graph(nodes=frozenset(), endpoints=frozenset())
 
 
-def test_our_own_tokens_stay_whatever_others_say() -> None:
+def test_own_tokens_stay_when_others_report_their_end() -> None:
     roster, changes = rostered([])
     roster.announce("/a@7")
     roster.change({"/a@7": True})
@@ -206,7 +208,7 @@ def test_our_own_tokens_stay_whatever_others_say() -> None:
     assert len(changes) == 2
 
 
-def test_a_roster_has_an_end() -> None:
+def test_directory_is_bounded() -> None:
     roster, _ = rostered(f"/n{index}@7" for index in range(MAX_TOKENS + 9))
     assert len(roster.graph().nodes) == MAX_TOKENS
 
@@ -228,7 +230,7 @@ def with_node(node: str) -> Graph:
     return Graph(nodes=frozenset({node}), endpoints=frozenset())
 
 
-async def test_each_is_told_what_is_and_what_changes_until_they_close() -> None:
+async def test_watcher_gets_the_graph_and_changes_until_closed() -> None:
     made = outlook()
     seen = list[Graph]()
     watch = made.watch(seen.append)
@@ -240,7 +242,7 @@ async def test_each_is_told_what_is_and_what_changes_until_they_close() -> None:
     assert [each.nodes for each in seen] == [frozenset(), {"/a"}]
 
 
-async def test_a_handler_that_fails_or_closes_another_keeps_nobody_else_from_being_told() -> None:
+async def test_failing_or_closing_watcher_does_not_block_others() -> None:
     made = outlook()
     seen = list[Graph]()
     closed = list[Graph]()

@@ -80,7 +80,7 @@ def forward(transform: Any) -> Vec3:
     return rotation.rotate((turned.x, turned.y, turned.z, turned.w), (1.0, 0.0, 0.0))
 
 
-def test_a_file_may_change_them_wanted_or_not_and_rep_155_fixes_their_namespace(tmp_path: Path) -> None:
+def test_ros4hri_routes_are_changed_by_file_without_a_prefix(tmp_path: Path) -> None:
     path = tmp_path / "routes.yaml"
     path.write_text("prefix: /site1\nroutes: {head_tf: {enabled: false}}\n")
     assert not any(row.ros.startswith("/humans/") for row in routes(path).outward)
@@ -102,7 +102,7 @@ def test_definitions_have_the_hashes_of_another_implementation() -> None:
             assert Types(distro).kind(name).hash == store.hash_rihs01(name) == f"RIHS01_{digits}"
 
 
-def test_what_rep_155_latches_is_latched_and_a_body_is_matched_under_another_id(table: Routes) -> None:
+def test_latching_follows_rep_155_and_body_ids_differ_from_persons(table: Routes) -> None:
     for name in ("anonymous", "body_id", "tracked_people", "known_people", "tracked_bodies"):
         assert out(table, name).qos == LATCHED
     assert not out(table, "location_confidence").qos.latched
@@ -112,7 +112,7 @@ def test_what_rep_155_latches_is_latched_and_a_body_is_matched_under_another_id(
 
 
 @given(st.floats(0.01, 5.0), st.floats(0.01, 5.0), st.floats(0.0, math.pi))
-def test_confidence_is_the_share_of_a_round_normal_distribution_within_reach(
+def test_confidence_is_the_share_of_the_distribution_within_reach(
     a_m: float, b_m: float, turned_rad: float
 ) -> None:
     expected = 1.0 - math.exp(-(NEAR_M**2) / (2.0 * max(a_m, b_m) ** 2))  # by the worst direction only
@@ -120,7 +120,7 @@ def test_confidence_is_the_share_of_a_round_normal_distribution_within_reach(
     assert confidence(spread(0.0)) == 1.0
 
 
-def test_the_head_is_at_the_eyes_and_the_hips_at_half_their_height(table: Routes) -> None:
+def test_head_is_at_the_eyes_and_hips_at_half_height(table: Routes) -> None:
     scene = here("anna")
     scene.take("anna", TALL, NOW_NS)
     for name, parent, child, at_m in (
@@ -133,7 +133,7 @@ def test_the_head_is_at_the_eyes_and_the_hips_at_half_their_height(table: Routes
         assert (found.header.frame_id, found.child_frame_id) == (parent, child)
 
 
-def test_a_body_faces_where_its_arm_last_pointed_and_a_hanging_arm_does_not_turn_it(table: Routes) -> None:
+def test_body_faces_the_last_direction_of_a_raised_arm(table: Routes) -> None:
     scene = here("anna")
     ahead = vector.direction(PLACE.yaw_rad, 0.0)
     assert forward(frame(table, "body_tf", scene)) == pytest.approx(ahead), "x of {H} without an arm"
@@ -157,7 +157,7 @@ def test_the_shoulder_turns_as_in_the_reference_model(
 
 
 @pytest.mark.parametrize(("hand", "outward"), [("left", 1.0), ("right", -1.0)])
-def test_joints_are_those_of_the_pointing_arm_and_all_others_are_zero(
+def test_joints_follow_the_pointing_arm_and_others_are_zero(
     table: Routes, hand: Literal["left", "right"], outward: float
 ) -> None:
     scene = here("anna")
@@ -172,7 +172,7 @@ def test_joints_are_those_of_the_pointing_arm_and_all_others_are_zero(
     assert moved == pytest.approx({turn: math.pi / 2 - 0.4, lift: math.pi / 2 + 1.5})
 
 
-def test_who_is_here_without_a_position_or_has_one_and_is_not_here_is_not_listed(table: Routes) -> None:
+def test_only_present_people_with_a_position_are_listed(table: Routes) -> None:
     scene = here("anna", "ben")
     (people,) = sent(out(table, "tracked_people"), PLACE, scene, "ben")
     assert people.ids == ["ben"]
@@ -215,7 +215,7 @@ def leave(bridge: Bench, user: str) -> None:
     bridge.scene.forget(user)
 
 
-async def test_lists_follow_people_and_reach_readers_that_come_late() -> None:
+async def test_lists_follow_people_and_reach_late_readers() -> None:
     async with bench(jazzy(), of_lists_and_people()) as bridge:
         come(bridge, "anna")
         come(bridge, "ben")
@@ -237,7 +237,7 @@ async def test_lists_follow_people_and_reach_readers_that_come_late() -> None:
     assert bridge.heard(TRACKED, LIST)[-1].ids == [], "the last value when the bridge ends"
 
 
-async def test_people_and_their_frames_are_left_to_a_person_manager_and_bodies_are_not() -> None:
+async def test_people_are_left_to_a_person_manager_but_not_bodies() -> None:
     async with bench(jazzy(), of_lists_and_people(), is_read=True) as bridge:
         come(bridge, "anna")
         assert "/tf" in bridge.backend.writers

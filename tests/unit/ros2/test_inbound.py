@@ -133,7 +133,7 @@ def test_a_rotation_that_is_none_is_refused(q: Quaternion) -> None:
         *((NOW_NS - LATE_NS, True), (NOW_NS - LATE_NS - 1, False), (12 * NS_PER_S, False)),
     ],
 )
-def test_a_stamp_of_another_clock_is_told_and_the_arrival_counts(stamp_ns: int, is_kept: bool) -> None:
+def test_stamp_of_another_clock_is_reported_and_replaced(stamp_ns: int, is_kept: bool) -> None:
     first, *others = taken(into("rotation_in"), arm(stamp_ns=stamp_ns))
     assert said([first]).stamp_ns == (stamp_ns if is_kept else NOW_NS)
     assert is_kept == (not others)
@@ -214,7 +214,7 @@ def test_a_belt_command_that_means_nothing_is_refused(
     assert len(sentence) < 250
 
 
-def test_a_package_is_added_by_the_number_of_its_kind_and_feeders_rest_as_told() -> None:
+def test_package_is_added_by_kind_number_and_feeding_is_set() -> None:
     row = into("add_package")
     assert taken(row, make(row.type, data=1)) == [BusOutput(ADD_PACKAGE, "", AddPackage(kind="red"))]
     told = warned(taken(row, make(row.type, data=77)))
@@ -240,7 +240,7 @@ def ticks(row: InboundRoute, times: list[tuple[float, float]]) -> list[ClockTick
     return found
 
 
-def test_simulated_time_is_told_once_a_second_with_its_speed() -> None:
+def test_simulated_time_is_published_once_a_second_with_its_speed() -> None:
     row = into("clock_in")
     assert not row.enabled
     found = ticks(row, [(0.01 * n, 100.0 + 0.02 * n) for n in range(301)])
@@ -250,7 +250,7 @@ def test_simulated_time_is_told_once_a_second_with_its_speed() -> None:
 
 
 @pytest.mark.parametrize("jump_s", [-50.0, 50.0])
-def test_a_jump_of_simulated_time_is_told_at_once(jump_s: float) -> None:
+def test_step_of_simulated_time_is_published_at_once(jump_s: float) -> None:
     row = into("clock_in")
     steady = [(0.1 * n, 100.0 + 0.1 * n) for n in range(5)]
     found = ticks(row, [*steady, (0.5, 100.5 + jump_s)])
@@ -258,7 +258,7 @@ def test_a_jump_of_simulated_time_is_told_at_once(jump_s: float) -> None:
     assert found[-1].speed == pytest.approx(1.0)
 
 
-def test_a_wall_clock_that_was_set_back_is_told_at_once_and_one_that_stands_still_creeps() -> None:
+def test_tick_is_immediate_when_wall_time_steps_back() -> None:
     found = ticks(into("clock_in"), [(0.0, 100.0), (0.1, 100.1), (-50.0, 100.2)])
     assert [(tick.stamp_ns - NOW_NS) // NS_PER_S for tick in found] == [0, -50]
     found = ticks(into("clock_in"), [(0.5 * n, 100.0) for n in range(8)])
@@ -300,7 +300,7 @@ def wave(scene: ConversionState, begin_ns: int, duration_s: float, *, epoch: int
     return now_ns
 
 
-def test_the_yaw_of_a_pose_is_that_of_the_forearm_and_its_own_orientation_does_not_count() -> None:
+def test_pose_yaw_is_that_of_the_forearm_body() -> None:
     scene = furnished()
     now_ns = wave(scene, NOW_NS, 3.0)
     for q in (NONE, rotation.from_yaw(-2.0)):
@@ -312,7 +312,7 @@ def test_the_yaw_of_a_pose_is_that_of_the_forearm_and_its_own_orientation_does_n
         assert 0.0 < math.sqrt(pose.covariance[8]) < math.radians(1.0)
 
 
-def test_a_pose_is_refused_with_the_remedy_until_the_forearm_has_moved() -> None:
+def test_pose_is_refused_until_the_forearm_has_moved() -> None:
     scene = furnished()
     assert converted("mocap_forearm", posed(MOUNT), scene) is None
     warning = converted("mocap_pose", posed(rotation.IDENTITY), scene)
@@ -320,7 +320,7 @@ def test_a_pose_is_refused_with_the_remedy_until_the_forearm_has_moved() -> None
     assert warning.sentence.startswith("the yaw of user1 is not known: move the arm")
 
 
-def test_another_yaw_origin_of_the_wrist_makes_the_yaw_unknown_again() -> None:
+def test_yaw_is_unknown_again_when_its_origin_changes() -> None:
     scene = furnished()
     now_ns = wave(scene, NOW_NS, 3.0)
     assert isinstance(converted("mocap_pose", posed(NONE, stamp_ns=now_ns), scene, now_ns), BusOutput)
@@ -332,7 +332,7 @@ def test_another_yaw_origin_of_the_wrist_makes_the_yaw_unknown_again() -> None:
     assert isinstance(converted("mocap_pose", posed(NONE), scene, now_ns), ConversionWarning)
 
 
-def test_transforms_of_a_person_have_the_yaw_of_the_forearm_too() -> None:
+def test_tf_poses_have_the_yaw_of_the_forearm_body() -> None:
     scene = furnished()
     scene.person("user1").is_here = True
     now_ns = wave(scene, NOW_NS, 3.0)
@@ -371,7 +371,7 @@ def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
     assert scene.person("user2").tf_until_ns == 0
 
 
-def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
+def test_tf_poses_are_limited_in_rate() -> None:
     row = into("tf_in")
     scene = furnished()
     scene.person("user1")
@@ -380,7 +380,7 @@ def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
     assert [len(taken(row, value, scene, now_ns=NOW_NS + each)) for each in times] == [1, 0, 0, 1, 0, 1]
 
 
-def test_a_static_frame_tells_the_pose_once() -> None:
+def test_static_frame_sets_the_pose_once() -> None:
     row = into("tf_static_in")
     scene = furnished()
     scene.person("user1")
@@ -392,7 +392,7 @@ def test_a_static_frame_tells_the_pose_once() -> None:
     assert "in the frame 'map'" in warned(taken(row, tf(frame_of("user1/human_footprint", "map")), scene))
 
 
-def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:
+def test_static_frame_published_earlier_sets_the_pose_on_arrival() -> None:
     row = into("tf_static_in")
     scene = furnished()
     frames = tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map"))

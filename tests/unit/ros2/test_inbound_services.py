@@ -72,7 +72,7 @@ def test_a_package_that_was_refused_leaves_its_number_free() -> None:
     assert isinstance(row.asks(request(row, uid=41), about(scene)), BusOutput)
 
 
-def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
+def test_refused_request_does_not_bind_the_number_of_another() -> None:
     row = server("add_pack")
     scene = furnished()
     first = request(row, uid=41)
@@ -85,7 +85,7 @@ def test_who_is_refused_does_not_settle_for_who_is_not() -> None:
     assert scene.uids.number("19-9") == 41
 
 
-def test_the_number_of_a_package_that_has_left_can_be_had_again() -> None:
+def test_package_number_is_free_after_the_package_has_left() -> None:
     row = server("add_pack")
     scene = furnished()
     scene.take("conveyor", objects(package(7)), NOW_NS)
@@ -186,7 +186,7 @@ def check(found: Any) -> None:
 
 @pytest.mark.parametrize("name", [row.name for row in routes().inward])
 @given(data=st.data())
-def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) -> None:
+def test_any_message_is_converted_or_reported(name: str, data: st.DataObject) -> None:
     row = into(name)
     scene = furnished()
     scene.person("user1")
@@ -201,7 +201,7 @@ def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) ->
 
 @pytest.mark.parametrize("name", [row.name for row in routes().served])
 @given(data=st.data())
-def test_whatever_is_asked_is_answered(name: str, data: st.DataObject) -> None:
+def test_any_request_is_answered(name: str, data: st.DataObject) -> None:
     row = server(name)
     scene = furnished()
     kind = jazzy().request_of(row.type)
@@ -265,7 +265,7 @@ def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
 
 
 @given(azimuth_rad=ANGLES, elevation_rad=ANGLES, roll_rad=ANGLES, factor=st.sampled_from([1.0, -1.0, 1.0004]))
-def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
+def test_ray_has_unit_length_and_converts_back(
     azimuth_rad: float, elevation_rad: float, roll_rad: float, factor: float
 ) -> None:
     row = into("pointing_ray_in")
@@ -291,7 +291,7 @@ def test_a_ray_is_of_unit_length_and_what_we_would_say_of_it(
         (place(at=(0.0, math.nan, 0.0), frame=HERS), "is not a position"),
     ],
 )
-def test_what_is_no_ray_is_told_and_makes_nobody_present(value: Any, told: str) -> None:
+def test_invalid_ray_is_reported_and_makes_nobody_present(value: Any, told: str) -> None:
     scene = with_guests("user1")
     sentence = warned(foreign(into("pointing_ray_in"), value, scene))
     assert told in sentence
@@ -299,7 +299,7 @@ def test_what_is_no_ray_is_told_and_makes_nobody_present(value: Any, told: str) 
     assert not scene.ros_users["user1"].has_new_input
 
 
-def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
+def test_ray_of_another_clock_is_stamped_now_and_reported() -> None:
     value = place(at=EYES, frame=HERS)
     value.header.stamp.sec = (NOW_NS - 2 * LATE_NS) // NS_PER_S
     first, second = taken(into("pointing_ray_in"), value, with_guests("user1"))
@@ -307,7 +307,7 @@ def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
     assert "behind the site's clock" in warned([second])
 
 
-def test_the_first_rays_only_tell_that_somebody_is_here_and_those_of_no_guest_nothing() -> None:
+def test_first_rays_make_ros_users_present_and_others_are_ignored() -> None:
     row = into("pointing_ray_in")
     scene = with_guests("user1", is_here=False)
     assert taken(row, place(frame=HERS), scene) == []
@@ -318,7 +318,7 @@ def test_the_first_rays_only_tell_that_somebody_is_here_and_those_of_no_guest_no
     assert taken(row, place(frame="nonsense")) == []
 
 
-def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubscribe() -> None:
+def test_subscription_starts_and_ends_pointing_with_its_cursor() -> None:
     row = into("subscription_in")
     scene = with_guests("user1", "user2", "anna-2")
     look, points = (output([each]) for each in taken(row, wish(), scene))
@@ -335,7 +335,7 @@ def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubs
     assert look.what.cursor_color == (0, 255, 255), "the nearest"
 
 
-def test_what_is_repeated_is_not_said_again_and_a_new_look_is() -> None:
+def test_repeated_subscription_is_dropped_unless_the_cursor_changes() -> None:
     row = into("subscription_in")
     scene = with_guests("user1")
     assert taken(row, wish(subscribe=False), scene) == []
@@ -357,13 +357,13 @@ def test_what_is_repeated_is_not_said_again_and_a_new_look_is() -> None:
         (wish(cmap="x" * 40), "there is no colormap 'xxx"),
     ],
 )
-def test_a_look_that_cannot_be_is_told_and_the_cursor_comes_all_the_same(value: Any, told: str) -> None:
+def test_invalid_cursor_appearance_is_reported_and_pointing_starts(value: Any, told: str) -> None:
     sentence, points = whats(foreign(into("subscription_in"), value, with_guests("user1")))
     assert told in sentence
     assert points.state == "pointing"
 
 
-def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_is_not_heard() -> None:
+def test_subscription_of_strangers_is_reported_and_of_pointit_users_ignored() -> None:
     row = into("subscription_in")
     scene = with_guests("user1")
     sentence = warned(taken(row, wish("eve"), scene))
@@ -375,7 +375,7 @@ def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_i
     assert warned(taken(row, wish("x" * 500), scene))[:3] == "'xx"
 
 
-def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> None:
+def test_static_frame_of_a_ros_user_is_their_pose() -> None:
     row = into("tf_static_in")
     scene = with_guests("user1")
     assert taken(row, tf(frame_of(HERS)), scene) == []

@@ -68,7 +68,7 @@ async def ask(bridge: Bench, service: str, kind: str, /, **fields: Any) -> Any:
     return bridge.types.decode(bridge.types.response_of(kind), cdr)
 
 
-async def test_bad_values_are_told_until_good_ones_come_or_they_leave(bridge: Bench) -> None:
+async def test_bad_values_are_reported_until_good_ones_or_departure(bridge: Bench) -> None:
     def takes(w: float) -> bool:
         bridge.say(ROTATION, QUATERNION, **turned(bridge, w))
         return True
@@ -88,7 +88,7 @@ TOO_LONG = [("/tf", 64 * 1024), ("/tf_static", 64 * 1024), (ROTATION, 16 * 1024)
 
 
 @pytest.mark.parametrize(("ros", "most"), TOO_LONG)
-async def test_what_is_too_long_is_dropped_and_told(bridge: Bench, ros: str, most: int) -> None:
+async def test_too_long_message_is_dropped_and_reported(bridge: Bench, ros: str, most: int) -> None:
     bridge.inbox.join("anna")
     kind = QUATERNION if ros == ROTATION else "tf2_msgs/msg/TFMessage"
     fields = turned(bridge) if ros == ROTATION else {}
@@ -105,7 +105,7 @@ async def test_what_is_too_long_is_dropped_and_told(bridge: Bench, ros: str, mos
     assert f"{most + 1} bytes, at most {most} are read" in warning
 
 
-async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_asked(bridge: Bench) -> None:
+async def test_refusal_is_reported_until_a_later_command_succeeds(bridge: Bench) -> None:
     belts = Belts(bridge)
     belts.told("*")
     await until(lambda: bool(bridge.warnings()), what="to be told that no node serves it")
@@ -122,7 +122,7 @@ async def test_a_refusal_is_told_until_a_later_command_is_done_and_not_only_aske
 
 
 @pytest.mark.parametrize("bad", ["b", "none"])
-async def test_what_one_belt_does_takes_no_refusal_of_another_back(bridge: Bench, bad: str) -> None:
+async def test_success_of_one_belt_keeps_the_refusal_of_another(bridge: Bench, bad: str) -> None:
     """In one command: belt b refuses, or there is no such belt, and belt a does it later."""
     belts = Belts(bridge, "a", "b")
     belts.serve()
@@ -134,7 +134,7 @@ async def test_what_one_belt_does_takes_no_refusal_of_another_back(bridge: Bench
     assert any(("it is locked" if bad == "b" else "no belt 'none'") in each for each in bridge.warnings())
 
 
-async def test_wishes_that_are_too_many_are_dropped_and_told(bridge: Bench) -> None:
+async def test_excess_commands_are_dropped_and_reported(bridge: Bench) -> None:
     names = [f"b{number}" for number in range(MAX_ASKED + 6)]
     belts = Belts(bridge, *names)
     belts.serve()
@@ -149,7 +149,7 @@ async def test_wishes_that_are_too_many_are_dropped_and_told(bridge: Bench) -> N
     await until(lambda: not bridge.warnings(), what="there to be room again")
 
 
-async def test_of_a_flood_of_feed_the_newest_word_is_the_last_one_asked_for(bridge: Bench) -> None:
+async def test_newest_feed_command_wins_when_they_flood(bridge: Bench) -> None:
     asked: list[bool] = []
 
     async def serve(query: SetFeeding, _name: str) -> Done:
@@ -202,7 +202,7 @@ def test_these_are_all_services_whose_response_cannot_refuse() -> None:
 
 
 @pytest.mark.parametrize("service", WITHOUT_RESULT)
-async def test_what_was_not_done_gets_a_sentence(bridge: Bench, service: str) -> None:
+async def test_request_that_was_not_done_is_an_error(bridge: Bench, service: str) -> None:
     kind, ours = WITHOUT_RESULT[service]
     is_locked = True
 
@@ -225,7 +225,7 @@ async def test_what_was_not_done_gets_a_sentence(bridge: Bench, service: str) ->
     assert not bridge.warnings()
 
 
-async def test_a_request_that_is_none_or_too_long_is_answered_too(bridge: Bench) -> None:
+async def test_invalid_and_too_long_requests_are_answered(bridge: Bench) -> None:
     name = bridge.types.request_of(ADD_PACK)
     long = bridge.types.encode(name, bridge.types.make(name)).ljust(16 * 1024 + 1, b"\0")
     for cdr, told in ((b"\x00\x01\x00\x00", "/add_pack"), (long, "at most 16384 are read")):
@@ -263,7 +263,7 @@ async def test_a_request_that_is_dropped_holds_no_number(bridge: Bench) -> None:
     assert bridge.scene.uids.is_settled("package1")
 
 
-async def test_who_left_with_the_button_down_presses_when_they_are_back(bridge: Bench) -> None:
+async def test_button_is_reset_when_its_user_leaves(bridge: Bench) -> None:
     button = "/anna/metawear_ros/button"
     down = "std_msgs/msg/Bool"
     seen: list[int] = []
@@ -318,7 +318,7 @@ def placed(bridge: Bench, *people: str) -> dict[str, list[float]]:
     return seen
 
 
-async def test_of_what_a_stall_has_piled_up_the_newest_is_taken(bridge: Bench) -> None:
+async def test_newest_message_is_processed_after_a_stall(bridge: Bench) -> None:
     bridge.inbox.join("anna")
     seen: list[float] = []
     bridge.other.subscribe(WRIST, lambda message, _name: seen.append(message.orientation_xyzw[2]))
@@ -330,7 +330,7 @@ async def test_of_what_a_stall_has_piled_up_the_newest_is_taken(bridge: Bench) -
     assert len(seen) == 2
 
 
-async def test_who_leaves_is_not_moved_by_what_waits(bridge: Bench) -> None:
+async def test_waiting_pose_is_dropped_when_its_person_leaves(bridge: Bench) -> None:
     assert ROTATION not in bridge.backend.readers, "nobody has joined"
     bridge.inbox.join("anna")
     seen: list[str] = []
@@ -346,7 +346,7 @@ async def test_who_leaves_is_not_moved_by_what_waits(bridge: Bench) -> None:
     assert seen.count("anna") == 1
 
 
-async def test_a_flood_of_tf_is_not_read_but_everybodys_newest_place_is(
+async def test_newest_pose_of_each_person_is_read_when_tf_floods(
     bridge: Bench, read: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = placed(bridge, "anna", "ben")
@@ -378,7 +378,7 @@ def test_people_are_found_in_either_order_of_bytes() -> None:
         assert people_in(cdr, scene) == ("joanna",)
 
 
-async def test_tf_that_tells_of_nobody_is_not_read(bridge: Bench, read: list[int]) -> None:
+async def test_tf_without_people_is_not_decoded(bridge: Bench, read: list[int]) -> None:
     seen = placed(bridge, "anna")
     robot = frames(bridge, x=1.0, size=MOST - 200)
     for _ in range(1000):

@@ -62,7 +62,7 @@ def test_x_of_the_pointing_ray_is_its_direction(azimuth_rad: float, elevation_ra
     assert (value.header.stamp.sec, value.header.stamp.nanosec) == (1_700_000_000, 5)
 
 
-def test_the_arm_is_told_with_what_the_device_measures(table: Routes) -> None:
+def test_arm_message_has_the_measurements_of_the_device(table: Routes) -> None:
     q = (0.5, -0.5, 0.5, 0.5)
     plain = models.ImuSample(stamp_ns=NOW_NS, orientation_xyzw=q)
     (rotated,) = sent(out(table, "rotation"), plain, furnished())
@@ -82,7 +82,7 @@ def test_the_arm_is_told_with_what_the_device_measures(table: Routes) -> None:
     assert value.angular_velocity_covariance[0] == 0.0
 
 
-def test_a_pose_is_told_in_the_world_with_its_covariance(table: Routes) -> None:
+def test_pose_is_published_in_the_world_with_its_covariance(table: Routes) -> None:
     (value,) = sent(out(table, "pose"), POSE, furnished())
     assert value.header.frame_id == "world"
     assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
@@ -114,7 +114,7 @@ def test_the_clock_is_published_while_time_is_simulated_only(table: Routes) -> N
         assert value.clock.sec == 8
 
 
-def test_tf_is_repeated_with_the_time_it_is_then_but_left_to_who_publishes_it(table: Routes) -> None:
+def test_tf_is_repeated_until_another_node_publishes_it(table: Routes) -> None:
     scene = furnished()
     row = out(table, "tf")
     (value,) = sent(row, POSE, scene)
@@ -186,7 +186,7 @@ def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
     assert wish.pointer_color.b == pytest.approx(0.2)
 
 
-def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Routes) -> None:
+def test_packages_are_positions_as_shares_of_their_belts(table: Routes) -> None:
     scene = furnished()
     row = out(table, "packages")
     sent(row, objects(package(7, belt="part_b", at_m=1.5, kind="blue")), scene, "other")
@@ -205,7 +205,7 @@ def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Rou
     assert not value.packages, "a thing of the map is none"
 
 
-def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
+def test_selection_lists_package_numbers(table: Routes) -> None:
     scene = furnished()
     selection = models.Selection(
         stamp_ns=NOW_NS, objects=(models.SelectedObject(id="19-12", user="user1", since_ns=0),)
@@ -216,7 +216,7 @@ def test_selected_are_told_by_the_numbers_of_packages(table: Routes) -> None:
     assert value.packages[0].uid == 12
 
 
-def test_pointers_tell_who_points_at_what(table: Routes) -> None:
+def test_pointers_have_cursor_positions_and_hovered_packages(table: Routes) -> None:
     scene = furnished()
     profile = models.UserProfile(
         stamp_ns=0, cursor_color=(0, 255, 0), cursor_width_m=0.25, cursor_colormap="jet"
@@ -248,7 +248,9 @@ def test_pointers_tell_who_points_at_what(table: Routes) -> None:
         ("19-4", "selected", ""),  # a package
     ],
 )
-def test_who_points_at_which_thing_is_a_detection(table: Routes, thing: str, event: Any, told: str) -> None:
+def test_selected_thing_is_a_detection_of_the_person(
+    table: Routes, thing: str, event: Any, told: str
+) -> None:
     scene = furnished()
     size_m = (0.4, 0.3, 0.2)
     things = (
@@ -274,7 +276,7 @@ def test_who_points_at_which_thing_is_a_detection(table: Routes, thing: str, eve
         assert turned(value.bbox.center.orientation) == rotation.from_yaw(1.0)
 
 
-def test_a_detection_of_a_press_has_no_score_and_of_an_unlisted_thing_no_box(table: Routes) -> None:
+def test_detection_lacks_score_of_a_press_and_box_of_untracked_things(table: Routes) -> None:
     scene = furnished()
     thing = models.Thing(id="screws", center_m=(1.0, 2.0, 3.0), size_m=(1.0, 1.0, 1.0))
     scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS)
@@ -286,19 +288,19 @@ def test_a_detection_of_a_press_has_no_score_and_of_an_unlisted_thing_no_box(tab
 @pytest.mark.parametrize(
     ("step", "told"), [("28", [28]), ("-1", [-1]), ("end", []), ("", []), ("9" * 12, [])]
 )
-def test_steps_that_are_numbers_are_told(table: Routes, step: str, told: list[int]) -> None:
+def test_numeric_feeding_steps_are_published(table: Routes, step: str, told: list[int]) -> None:
     state = models.ConveyorState(stamp_ns=NOW_NS, speed_mps=0.1, step=step)
     assert [value.data for value in sent(out(table, "step_number"), state, furnished(), "")] == told
 
 
-def test_strips_are_told_by_their_numbers_in_ros_colours(table: Routes) -> None:
+def test_strips_have_their_numbers_and_ros_colours(table: Routes) -> None:
     strips = (models.StripFrame(id="3", rgb=bytes((1, 2, 3, 4, 5, 6))),)
     (value,) = sent(out(table, "led_strips"), models.StripsFrame(stamp_ns=NOW_NS, strips=strips), furnished())
     (strip,) = value.strips
     assert (strip.id, strip.color_order, strip.data.tolist()) == (3, 0, [1, 2, 3, 4, 5, 6])
 
 
-def test_health_is_diagnostics_without_what_ros_texts_cannot_hold(table: Routes) -> None:
+def test_health_is_diagnostics_in_valid_ros_texts(table: Routes) -> None:
     health = models.Health(
         stamp_ns=NOW_NS, service="pui", instance="pui", pid=1, host="si\0te", figures=(DRIFT,)
     )
@@ -319,9 +321,7 @@ ROWS = [(row.name, topic) for row in routes(ros4hri=True).outward for topic in r
 @pytest.mark.parametrize(("name", "topic"), ROWS, ids=[f"{name}-{topic.key}" for name, topic in ROWS])
 @settings(max_examples=12)
 @given(data=st.data())
-def test_whatever_the_bus_may_carry_is_converted_and_encoded(
-    name: str, topic: Any, data: st.DataObject
-) -> None:
+def test_every_valid_message_is_converted_and_encoded(name: str, topic: Any, data: st.DataObject) -> None:
     scene = furnished()
     row = out(routes(ros4hri=True), name)
     others = data.draw(st.lists(st.sampled_from(TOPICS), max_size=2))
@@ -338,7 +338,7 @@ def keys(value: Any, action: int = ADD) -> set[tuple[str, int]]:
     return {(marker.ns, marker.id) for marker in value.markers if marker.action == action}
 
 
-def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> None:
+def test_markers_show_the_scene_and_delete_ended_ones(table: Routes) -> None:
     scene = furnished()
     row = out(table, "markers")
     scene.take("user1", POSE, NOW_NS)
@@ -366,7 +366,7 @@ def test_markers_show_the_scene_and_take_away_what_is_gone(table: Routes) -> Non
     assert not keys(value, DELETE)
 
 
-def test_markers_are_bounded_and_say_so(table: Routes) -> None:
+def test_number_of_markers_is_limited_with_a_label(table: Routes) -> None:
     many = objects(*(package(number) for number in range(MAX_OBJECTS + 3)))
     scene = furnished()
     (value,) = sent(out(table, "markers"), many, scene, "conveyor")
@@ -412,7 +412,7 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
     assert [marker.action for marker in value.markers] == [DELETE_ALL]
 
 
-def test_a_ribbon_is_as_wide_as_its_belt_and_seen_from_both_sides() -> None:
+def test_ribbon_has_the_width_of_its_belt_and_two_sides() -> None:
     corners = np.array(ribbon(Polyline(((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 0.0, 1.0))), 0.5))
     assert len(corners) == 12  # what goes straight up has no width
     assert (corners[:, 1].min(), corners[:, 1].max()) == (-0.25, 0.25)
@@ -434,7 +434,7 @@ STATE = models.RobotState(
 )
 
 
-def test_a_robot_is_drawn_with_its_plan_in_the_colour_of_who_steers_it() -> None:
+def test_robot_and_plan_have_the_colour_of_their_user() -> None:
     scene = furnished()
     row = out(routes(), "markers")
     scene.take("user1", models.UserProfile(stamp_ns=NOW_NS, cursor_color=(0, 0, 255)), NOW_NS)
@@ -460,7 +460,7 @@ def test_a_robot_is_drawn_with_its_plan_in_the_colour_of_who_steers_it() -> None
     assert drawn["robot quad/name", 0].text == "quad: moving, user1"
 
 
-def test_a_stopped_robot_is_red_and_a_silent_one_is_gone() -> None:
+def test_stopped_robot_is_red_and_silent_one_is_removed() -> None:
     scene = furnished()
     row = out(routes(), "markers")
     (value,) = sent(row, STATE.model_copy(update={"phase": "stopped", "user": ""}), scene, "quad")

@@ -33,7 +33,7 @@ def take(bridge: Bench, topic: object, message: object, name: str = "anna") -> N
     bridge.outbox.take(topic, message, name)  # pyrefly: ignore[bad-argument-type]  # likewise
 
 
-async def test_what_nobody_reads_is_not_even_made(bridge: Bench) -> None:
+async def test_unread_messages_are_not_converted(bridge: Bench) -> None:
     bridge.outbox.join("anna")
     take(bridge, RAY, ray(1))
     assert bridge.heard(RAY_ROS, RAY_TYPE) == []
@@ -45,7 +45,7 @@ async def test_what_nobody_reads_is_not_even_made(bridge: Bench) -> None:
     assert seen.header.stamp.nanosec == (START_NS + 2) % 10**9
 
 
-async def test_a_route_is_told_of_its_first_reader_by_the_look(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_route_is_notified_of_its_first_reader(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[int] = []
     rows = [
         dataclasses.replace(row, begins=lambda: begun.append(1))
@@ -63,7 +63,7 @@ async def test_a_route_is_told_of_its_first_reader_by_the_look(monkeypatch: pyte
         assert begun == [1]
 
 
-async def test_of_what_comes_too_fast_the_newest_is_sent(eager: Bench) -> None:
+async def test_newest_message_is_sent_when_they_come_too_fast(eager: Bench) -> None:
     for count in range(200):
         take(eager, RAY, ray(count))
     await until(lambda: len(eager.backend.sent[RAY_ROS]) == 2)
@@ -82,7 +82,7 @@ def slowed(name: str, rate_hz: float) -> Routes:
     return dataclasses.replace(table, outward=tuple(rows))
 
 
-async def test_nobody_displaces_others_where_each_has_a_message_of_their_own() -> None:
+async def test_rate_limit_keeps_the_newest_message_of_each_person() -> None:
     people = ("anna", "ben", "cleo")
     async with bench(jazzy(), slowed("tf", 20.0), is_read=True) as bridge:
         for seq in range(3):
@@ -103,7 +103,7 @@ def waiting(bridge: Bench, route: str) -> list[str]:
 
 
 @pytest.mark.parametrize(("route", "left"), [("tf", ["ben", "cleo"]), ("markers", ["cleo"])])
-async def test_what_shows_everybody_is_sent_no_more_often_for_that(route: str, left: list[str]) -> None:
+async def test_rate_limit_applies_once_to_a_message_about_everybody(route: str, left: list[str]) -> None:
     async with bench(jazzy(), slowed(route, 0.05), is_read=True) as bridge:
         for user in ("anna", "ben", "cleo"):
             pose = UserPose(stamp_ns=START_NS, seq=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
@@ -113,7 +113,7 @@ async def test_what_shows_everybody_is_sent_no_more_often_for_that(route: str, l
         assert waiting(bridge, route) == ["cleo"], "nothing of who leaves"
 
 
-async def test_who_leaves_takes_their_names_along(bridge: Bench) -> None:
+async def test_publishers_of_a_person_end_when_they_leave(bridge: Bench) -> None:
     bridge.outbox.join("anna")
     names = {name for name in bridge.backend.writers if name.startswith("/anna/")}
     assert len(names) == sum("{user}" in route.ros for route in routes().outward)
@@ -135,7 +135,7 @@ async def test_a_transform_is_repeated_with_the_time_it_is_then(bridge: Bench) -
     assert len(bridge.backend.sent["/tf"]) == count
 
 
-async def test_the_sites_time_ends_with_who_gives_it() -> None:
+async def test_clock_repetitions_end_with_the_clock_of_the_site() -> None:
     table = routes()
     short = [dataclasses.replace(row, repeat_for_s=0.1) for row in table.outward if row.name == "clock"]
     assert CLOCK_S * NS_PER_S == SILENT_NS, "ROS and the site agree on when a clock has ended"
@@ -153,7 +153,7 @@ async def test_the_sites_time_ends_with_who_gives_it() -> None:
         )
 
 
-async def test_what_stays_the_same_is_said_once_and_anew_when_they_return(bridge: Bench) -> None:
+async def test_unchanged_values_are_sent_once_and_again_after_a_return(bridge: Bench) -> None:
     def told() -> list[tuple[str, bool]]:
         wishes = bridge.heard("/PUI_subscription", "conveyor_msgs/msg/PUISubscription")
         return [(each.user_name, each.subscribe) for each in wishes]
@@ -184,7 +184,7 @@ async def test_a_press_goes_down_and_up(bridge: Bench, gesture: Any, presses: in
     assert [value.data for value in bridge.heard(ros, "std_msgs/msg/Bool")] == [True, False] * presses
 
 
-async def test_what_others_publish_is_left_to_them(bridge: Bench) -> None:
+async def test_names_that_others_publish_are_left_to_them(bridge: Bench) -> None:
     bridge.look(("publisher", "/packages"), ("publisher", RAY_ROS))
     bridge.outbox.join("anna")
     assert "/packages" not in bridge.backend.writers
@@ -196,7 +196,7 @@ async def test_what_others_publish_is_left_to_them(bridge: Bench) -> None:
     await until(lambda: "/packages" in bridge.backend.writers)
 
 
-async def test_of_two_that_make_room_for_each_other_one_comes_back() -> None:
+async def test_one_of_two_yielding_bridges_returns() -> None:
     async with bench(jazzy()) as one, bench(jazzy()) as two:
 
         def settle() -> bool:
@@ -214,7 +214,7 @@ async def test_of_two_that_make_room_for_each_other_one_comes_back() -> None:
             assert settle()
 
 
-async def test_what_cannot_be_sent_is_told_and_the_rest_goes_on(eager: Bench) -> None:
+async def test_unencodable_message_is_reported_and_later_ones_are_sent(eager: Bench) -> None:
     bad = ray(1).model_copy(update={"origin_m": ("here", 0.0, 0.0)})
     take(eager, RAY, bad)
     assert any(RAY_ROS in warning for warning in eager.warnings())
@@ -237,7 +237,7 @@ def test_a_source_of_the_same_rate_is_never_held_up() -> None:
 
 
 @given(st.lists(st.floats(0.0, 0.05), min_size=200, max_size=400))
-def test_no_more_than_the_rate_in_the_long_run(gaps_s: list[float]) -> None:
+def test_mean_rate_never_exceeds_the_limit(gaps_s: list[float]) -> None:
     pace = RateLimiter(20.0)
     now_s = 100.0
     sent = 0

@@ -23,7 +23,7 @@ from pointit.bridges.ros2.over_zenoh.token import (
 from tests.unit.ros2.values import golden
 
 
-def test_as_running_nodes_attach_it() -> None:
+def test_attachment_matches_that_of_running_nodes() -> None:
     wire = golden("wire")
     senders = {token.split("/")[9].replace("%", "/"): gid(token) for token, _ in wire["tokens"][1:]}
     assert len(wire["samples"]) == 4
@@ -45,7 +45,7 @@ def test_as_running_nodes_attach_it() -> None:
         assert reply.stamp_ns > request.stamp_ns
 
 
-def test_a_topic_and_a_service() -> None:
+def test_keys_of_a_topic_and_a_service() -> None:
     seen = [each["key"] for each in golden("wire")["samples"] + golden("wire")["calls"]]
     assert len(seen) == 7
     for key in seen:
@@ -63,7 +63,7 @@ NO_NAMES = [
 
 
 @pytest.mark.parametrize("name", NO_NAMES)
-def test_what_would_become_another_key_is_refused(name: str) -> None:
+def test_name_that_is_not_resolved_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="not a full ROS name"):
         resolved(name)
     for good in ("/a", "/_a/b_1", "/user1/metawear_ros/rotation", "/a/_action/get_result"):
@@ -78,7 +78,7 @@ def test_what_would_become_another_key_is_refused(name: str) -> None:
         *(("std_msgs::msg::dds_::Bool_", text) for text in ("", "RIHS01 0", "\x1b[2J", "RIHS01_é")),
     ],
 )
-def test_anything_else_is_no_type(text: str, type_hash: str) -> None:
+def test_invalid_dds_type_is_refused(text: str, type_hash: str) -> None:
     with pytest.raises(ValueError, match="not a type"):
         dds_type(text, type_hash)
 
@@ -127,7 +127,7 @@ def test_malformed_qos_is_refused(text: str) -> None:
 
 
 @given(st.text(alphabet=":,0123456789-_ \u00b2", max_size=40))
-def test_no_text_is_worse_than_a_refused_qos(text: str) -> None:
+def test_any_text_is_a_qos_or_refused(text: str) -> None:
     try:
         qos_of(text)
     except ValueError:
@@ -172,7 +172,7 @@ def test_tokens_of_others_are_read_as_written(written: str, instead: str, change
 
 
 @pytest.mark.parametrize("more", ["/backends:cpu:;", "/backends:cuda%3A0:a%2Fb;", "/one/more"])
-def test_chunks_that_later_distributions_add_are_read_over(more: str) -> None:
+def test_chunks_of_later_distributions_are_ignored(more: str) -> None:
     assert parsed(RAY.text + more) == RAY
     assert gid(RAY.text + more) != gid(RAY.text)
 
@@ -215,7 +215,7 @@ CHUNKS = RAY.text.split("/")
         *((index, "") for index in range(13)),
     ],
 )
-def test_a_chunk_that_is_none_and_an_early_end_is_refused(index: int, chunk: str) -> None:
+def test_invalid_and_missing_chunks_are_refused(index: int, chunk: str) -> None:
     for text in ("/".join([*CHUNKS[:index], chunk, *CHUNKS[index + 1 :]]), "/".join(CHUNKS[:index])):
         with pytest.raises(ValueError, match=r"not|neither|that is none"):
             parsed(text)
@@ -229,7 +229,7 @@ def test_a_chunk_that_is_none_and_an_early_end_is_refused(index: int, chunk: str
         ).map("/".join),
     )
 )
-def test_no_text_does_worse_than_to_be_refused(text: str) -> None:
+def test_any_text_is_a_token_or_refused(text: str) -> None:
     try:
         token = parsed(text)
     except ValueError:
@@ -242,7 +242,7 @@ POSE = RosType(name="geometry_msgs/msg/PoseStamped", hash="RIHS01_" + "a" * 64)
 SESSION = "fd857cb30ca6267672bad8919c98b29f"
 
 
-def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
+def test_written_tokens_match_those_of_a_genuine_node() -> None:
     """The fixture is one node with 26 endpoints, numbered as it declared them."""
     genuine = {int(text.split("/")[4]): (text, identity) for text, identity in TOKENS}
     assert len(genuine) == 27
@@ -261,7 +261,7 @@ def test_we_write_the_tokens_of_a_genuine_node_one_after_the_other() -> None:
         assert gid(token).hex() == identity
 
 
-def test_bridges_of_pointit_know_each_other_by_their_enclave_whatever_they_are_called() -> None:
+def test_bridges_recognize_each_other_by_their_enclave() -> None:
     ours, other = (
         RmwZenoh(session=session, node="/pointit", domain=7, enclave=BRIDGE) for session in (SESSION, "ab")
     )

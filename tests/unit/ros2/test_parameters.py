@@ -34,7 +34,7 @@ def travelled(parameters: dict[str, Any]) -> dict[str, Any]:
     return {name: value_of(each) for name, each in zip(parameters, answer.values, strict=True)}
 
 
-def test_what_the_parameters_are_called() -> None:
+def test_tree_of_parameters_matches_the_file_of_a_map() -> None:
     tree = {
         "leds": {"door": {"position": [-1.5, 3.2, 1.8]}, "up.left": {"position": [2, -1, 1]}},
         "strips": {"1": {"line": [[0, 0.6, 1], [3, 0.6, 1]], "pixels": 90}},
@@ -66,7 +66,7 @@ def test_what_the_parameters_are_called() -> None:
     }
 
 
-def test_what_docs_tell_of_a_nodes_parameters_is_a_map() -> None:
+def test_documented_node_parameters_are_a_map() -> None:
     text = (Path(__file__).parents[3] / "docs/reference/maps.md").read_text(encoding="utf-8")
     (block,) = (
         each for each in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL) if "ros__parameters" in each
@@ -170,7 +170,7 @@ NO_PARAMETER = "is not a parameter of a map; they are called SECTION.NAME.KEY, a
         ("links.-1.from:", "a", "links have numbers, as in links.0.from"),
     ],
 )
-def test_what_is_none_of_a_map_is_one_sentence(name: str, value: Any, sentence: str) -> None:
+def test_foreign_parameter_is_refused_in_one_sentence(name: str, value: Any, sentence: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(f'{name} {sentence}')}$"):
         tree_of({name.removesuffix(":"): value})
 
@@ -180,7 +180,7 @@ def test_links_are_in_the_order_of_their_numbers() -> None:
     assert tree == {"links": [{"to": "b1"}, {"to": "b2"}, {"to": "b10"}, {"to": "b300"}]}
 
 
-def test_what_else_a_node_has_is_left_alone_unless_it_is_below_the_prefix() -> None:
+def test_other_parameters_are_ignored_unless_below_the_prefix() -> None:
     names = [
         *("use_sim_time", "leds", "ledsx.a.b", "leds.a.position", "site.leds.a.position", "site.colour"),
         "sites.x",
@@ -219,7 +219,7 @@ async def refused(sentence: str, asked: OneNode, **settings: Any) -> None:
     assert asked.watching == 0
 
 
-async def test_who_is_not_there_is_told_with_those_who_are() -> None:
+async def test_absent_node_is_reported_with_those_present() -> None:
     absent, nodes = (
         "there is no node /pui in domain 0; there are",
         frozenset({"/pointit_map", "/belt", "/arm"}),
@@ -232,7 +232,7 @@ async def test_who_is_not_there_is_told_with_those_who_are() -> None:
     await refused(f"{absent} /belt", behind)
 
 
-async def test_what_else_keeps_a_node_from_being_asked() -> None:
+async def test_unreachable_parameter_services_are_reported_with_the_cause() -> None:
     await refused(
         "node /pui serves no parameters; start it with its parameter services, or give its map as a file",
         other(serves=False),
@@ -257,7 +257,7 @@ async def test_what_else_keeps_a_node_from_being_asked() -> None:
 @pytest.mark.parametrize(
     "answer", [b"", b"garbage", b"\0\1\0\0", b"\0\1\0\0\xff\xff\xff\xff", b"\0\7" + bytes(90)]
 )
-async def test_an_answer_that_is_none_is_one_sentence(answer: bytes) -> None:
+async def test_unreadable_answer_is_reported_in_one_sentence(answer: bytes) -> None:
     async def bad(_request: bytes) -> bytes:
         return answer
 
@@ -268,7 +268,7 @@ async def test_an_answer_that_is_none_is_one_sentence(answer: bytes) -> None:
         await read(asked).values(["a"])
 
 
-async def test_answers_to_something_else_and_none_in_time() -> None:
+async def test_mismatched_and_late_answers_are_errors() -> None:
     async def few(_request: bytes) -> bytes:
         return await asked.server.get(
             TYPES.encode(f"{GET}_Request", TYPES.make(f"{GET}_Request", names=["a"]))
@@ -314,7 +314,7 @@ def test_values_survive_a_round_trip(value: Any) -> None:
     assert repr(again) == repr(value), "true is no 1"
 
 
-def test_what_has_no_value_has_none_and_the_kinds_are_those_of_ros() -> None:
+def test_unset_parameter_has_no_value_and_kinds_match_ros() -> None:
     assert value_of(message_of(TYPES, None)) is None
     assert value_of(message_of(TYPES, [])) == []
     assert value_of(TYPES.make(MESSAGE, type=5, byte_array_value=b"\1\2")) == [1, 2]

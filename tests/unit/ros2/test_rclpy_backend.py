@@ -38,7 +38,7 @@ class Rebuilt(fake_rclpy.Bool):
     HASH = "RIHS01_" + "0" * 64
 
 
-async def test_messages_of_another_definition_come_and_that_is_said(wire: Wire, ours: Ours) -> None:
+async def test_messages_of_another_definition_arrive_and_are_reported(wire: Wire, ours: Ours) -> None:
     heard: list[bytes] = []
     ours.backend.subscribe("/in", BOOL, QOS, heard.append)
     wire.node("robot").create_publisher(Rebuilt, "/in", profile()).publish(TRUE)
@@ -46,7 +46,7 @@ async def test_messages_of_another_definition_come_and_that_is_said(wire: Wire, 
     assert "what arrives is dropped or misread" in ours.now["definition of /in"]
 
 
-async def test_without_rclpy_it_says_what_to_source() -> None:
+async def test_missing_rclpy_is_reported_with_the_setup_to_source() -> None:
     assert "rclpy" not in sys.modules
     with pytest.raises(
         ConfigError,
@@ -111,7 +111,7 @@ async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire, ours: 
     assert len(heard) == 2
 
 
-async def test_a_message_that_cannot_be_sent_is_told(wire: Wire, ours: Ours) -> None:
+async def test_unsendable_message_is_reported(wire: Wire, ours: Ours) -> None:
     writer = ours.backend.advertise("/out", BOOL, QOS)
     writer.put(b"\0\1\0\0refuse")
     assert ours.now["sending /out"] == "/out could not be sent to ROS: it was refused"
@@ -119,7 +119,7 @@ async def test_a_message_that_cannot_be_sent_is_told(wire: Wire, ours: Ours) -> 
     assert len(wire.ends["publisher"]) == 1
 
 
-async def test_a_reader_is_bounded_in_count_and_size_and_survives_its_handler(
+async def test_reader_is_bounded_and_survives_a_failing_handler(
     wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(NodeContext, "max_bytes", 1000)
@@ -177,7 +177,9 @@ async def test_routes_whose_types_this_ros_lacks_are_named(package: str, remedy:
     assert set(ours.now) == {f"package {package}"}
 
 
-async def test_a_type_rclpy_refuses_costs_its_topics(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_type_that_rclpy_refuses_disables_its_topics(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object, **_named: object) -> None:
         raise RuntimeError("Caught an unknown exception!\nat all")
 
@@ -196,7 +198,7 @@ async def test_a_type_rclpy_refuses_costs_its_topics(wire: Wire, monkeypatch: py
     assert not wire.ends["publisher"]
 
 
-async def test_a_type_of_another_definition_is_neither_written_nor_read(wire: Wire, ours: Ours) -> None:
+async def test_topic_is_left_out_when_its_type_has_another_definition(wire: Wire, ours: Ours) -> None:
     other = RosType(name=BOOL.name, hash="RIHS01_" + "0" * 64)
     ours.backend.advertise("/a", other, QOS).put(TRUE)
     ours.backend.subscribe("/b", other, QOS, lambda _cdr: None)
@@ -208,7 +210,7 @@ async def test_a_type_of_another_definition_is_neither_written_nor_read(wire: Wi
     assert len(wire.ends["publisher"]) == 1
 
 
-async def test_the_graph_is_told_and_what_will_not_work(wire: Wire, ours: Ours) -> None:
+async def test_graph_is_reported_with_its_problems(wire: Wire, ours: Ours) -> None:
     ours.backend.subscribe("/in", BOOL, LATCHED, lambda _cdr: None)
     robot = wire.node("robot", "/a")
     publisher = robot.create_publisher(fake_rclpy.Bool, "/in", profile())
@@ -241,7 +243,9 @@ async def test_a_node_that_leaves_meanwhile_does_no_harm(
     assert not ours.ever
 
 
-async def test_what_the_terminal_is_set_to_is_compared(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_environment_that_contradicts_the_configuration_is_reported(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "5")
     monkeypatch.setenv("ROS_DISTRO", "jazzy")
     async with node_of_ours(domain_id=3) as ours:
@@ -250,7 +254,7 @@ async def test_what_the_terminal_is_set_to_is_compared(wire: Wire, monkeypatch: 
         assert wire.nodes[0].options["use_global_arguments"] is False
 
 
-async def test_what_is_closed_does_nothing_more(wire: Wire, ours: Ours) -> None:
+async def test_closed_endpoints_do_nothing(wire: Wire, ours: Ours) -> None:
     heard: list[bytes] = []
     reader = ours.backend.subscribe("/in", BOOL, QOS, heard.append)
     writer = ours.backend.advertise("/out", BOOL, QOS)
@@ -277,7 +281,7 @@ async def test_what_is_closed_does_nothing_more(wire: Wire, ours: Ours) -> None:
         await ours.backend.call("/stop", SET, TRUE, timeout_s=1)
 
 
-async def test_a_log_has_a_lifespan_and_is_the_only_one_of_ours(wire: Wire, ours: Ours) -> None:
+async def test_log_topic_has_a_lifespan_and_replaces_rclpys_own(wire: Wire, ours: Ours) -> None:
     (node,) = [each for each in wire.nodes if each.name == "pointit"]
     assert node.options["enable_rosout"] is False, "or there would be two"
     ours.backend.advertise("/rosout", BOOL, ROSOUT)
@@ -318,7 +322,7 @@ def more(request: fake_rclpy.Value, _response: fake_rclpy.Value) -> fake_rclpy.V
     return fake_rclpy.SetBool.Response(request.cdr + b"\2")
 
 
-async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire: Wire, ours: Ours) -> None:
+async def test_requests_are_answered_without_blocking_the_executor(wire: Wire, ours: Ours) -> None:
     gate = asyncio.Event()
     answered = list[bytes]()
     heard = list[bytes]()
@@ -336,7 +340,7 @@ async def test_requests_are_answered_in_the_loop_while_the_executor_goes_on(wire
 
 
 @pytest.mark.parametrize("response", [b"\0\1\0\0bad", None], ids=["other", "raises"])
-async def test_who_asks_is_always_answered(wire: Wire, ours: Ours, response: bytes | None) -> None:
+async def test_every_request_is_answered(wire: Wire, ours: Ours, response: bytes | None) -> None:
     async def wrong(_request: bytes) -> bytes:
         if response is None:
             raise ZeroDivisionError
@@ -351,7 +355,7 @@ async def test_who_asks_is_always_answered(wire: Wire, ours: Ours, response: byt
     assert ours.now["rclpy"] == "something from ROS was dropped by rclpy: cannot be read"
 
 
-async def test_too_many_open_requests_are_answered_with_nothing_in_them(wire: Wire, ours: Ours) -> None:
+async def test_excess_requests_get_empty_responses(wire: Wire, ours: Ours) -> None:
     gate = asyncio.Event()
     answered = list[bytes]()
     ours.backend.serve("/stop", SET, behind(gate))
@@ -365,7 +369,7 @@ async def test_too_many_open_requests_are_answered_with_nothing_in_them(wire: Wi
     assert answered[2:] == [b"\0\1\0\0\7"] * 64
 
 
-async def test_calls_get_their_answers_or_say_what_is_lacking(wire: Wire) -> None:
+async def test_call_returns_the_answer_or_names_the_missing_condition(wire: Wire) -> None:
     async with node_of_ours() as ours:
         with pytest.raises(TimeoutError, match=r"/stop: no node serves it within 0\.01 s"):
             await ours.backend.call("/stop", SET, TRUE, timeout_s=0.01)

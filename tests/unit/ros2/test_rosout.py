@@ -69,7 +69,7 @@ def log() -> Log:
     return Log()
 
 
-def test_it_is_as_a_genuine_nodes_with_its_stamp_and_who_says_it(log: Log) -> None:
+def test_log_line_matches_a_genuine_nodes_with_stamp_and_name(log: Log) -> None:
     assert (log.row.ros, log.row.type, log.row.qos, log.row.enabled) == (ROS, TYPE, ROSOUT, True)
     assert jazzy().kind(TYPE).hash.startswith("RIHS01_e28ce254"), "what the captured node has in its token"
     made = jazzy().make(TYPE)
@@ -80,7 +80,7 @@ def test_it_is_as_a_genuine_nodes_with_its_stamp_and_who_says_it(log: Log) -> No
     assert (line.file, line.function, line.line) == ("", "", 0)
 
 
-def test_it_is_said_once_and_when_it_is_over(log: Log) -> None:
+def test_finding_is_logged_at_its_start_and_end(log: Log) -> None:
     assert log.says(health(), 3) == []
     assert log.says(health(NO_MAP), 100) == [(WARN, NO_MAP)]
     assert log.says(health(), OVER_REPORTS - 1) == []
@@ -89,7 +89,7 @@ def test_it_is_said_once_and_when_it_is_over(log: Log) -> None:
     assert log.says(health(NO_MAP)) == [(WARN, NO_MAP)], "it is new again"
 
 
-def test_one_more_and_one_worded_anew_are_said(log: Log) -> None:
+def test_further_and_reworded_findings_are_logged(log: Log) -> None:
     late = "no IMU: is it charged?"
     log.says(health(NO_MAP))
     assert log.says(health(NO_MAP, late), 2) == [(WARN, late)]
@@ -97,7 +97,7 @@ def test_one_more_and_one_worded_anew_are_said(log: Log) -> None:
     assert log.says(health("no map: pui has ended", late), OVER_REPORTS) == [(INFO, f"over: {NO_MAP}")]
 
 
-def test_counts_that_grow_are_nothing_new_and_what_is_over_is_told_as_it_was_worded_last(log: Log) -> None:
+def test_growing_counts_are_not_new_findings(log: Log) -> None:
     def lost(count: int) -> str:
         return f"{count} messages of user1 came {count / 10} s late: look at the link"
 
@@ -110,7 +110,7 @@ def test_counts_that_grow_are_nothing_new_and_what_is_over_is_told_as_it_was_wor
     assert log.says(health(), OVER_REPORTS) == [(INFO, f"over: {lost(49)}"), (INFO, f"over: {lost(50)}")]
 
 
-def test_calls_that_fail_are_an_error_while_they_do_in_each_process_of_the_name(log: Log) -> None:
+def test_failing_calls_are_one_error_in_each_process(log: Log) -> None:
     assert log.says(health(errors=3)) == [], "before we looked"
     ((level, said),) = log.says(health(errors=4))
     assert level == ERROR
@@ -121,14 +121,14 @@ def test_calls_that_fail_are_an_error_while_they_do_in_each_process_of_the_name(
     assert log.says(health(errors=9, pid=2)) == []
 
 
-def test_what_flaps_is_said_once_and_keeps_no_other_from_being_heard(log: Log) -> None:
+def test_flapping_finding_is_logged_once_and_blocks_no_other(log: Log) -> None:
     said = [log.says(health(*((NO_MAP,) if count % OVER_REPORTS else ()))) for count in range(500)]
     assert [line for lines in said for line in lines] == [(WARN, NO_MAP)]
     log.says(health(*(f"{chr(ord('a') + count)} is gone" for count in range(26))), 9)
     assert log.says(health(NO_MAP, instance="led-driver")) == [(WARN, NO_MAP)]
 
 
-def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Log) -> None:
+def test_slow_or_changing_findings_do_not_flood_the_log(log: Log) -> None:
     reports = 1000
     most = MAX_AT_ONCE + reports // REPORTS_PER_LINE
     slowly = itertools.cycle([True] * OVER_REPORTS + [False] * OVER_REPORTS)
@@ -142,7 +142,7 @@ def test_who_flaps_slowly_or_says_something_else_each_time_floods_nobody(log: Lo
     assert most // 2 < told <= most
 
 
-def test_who_has_much_to_say_says_it_bit_by_bit_and_what_is_not_over_is_bounded(log: Log) -> None:
+def test_many_findings_are_logged_in_portions_and_bounded(log: Log) -> None:
     report = health(*(f"{chr(ord('a') + count)} is gone" for count in range(MAX_AT_ONCE + 4)))
     assert len(log.says(report)) == MAX_AT_ONCE
     assert len(log.says(report, 4 * REPORTS_PER_LINE)) == 4
@@ -154,7 +154,7 @@ def test_who_has_much_to_say_says_it_bit_by_bit_and_what_is_not_over_is_bounded(
     assert len(log.says(health(words[0], instance="bounded"), OVER_REPORTS + 10)) > 0, "and goes on"
 
 
-def test_who_is_gone_is_forgotten_and_who_comes_back_says_it_again_but_no_more_often(log: Log) -> None:
+def test_restarted_service_logs_findings_again_within_the_same_limit(log: Log) -> None:
     log.says(health(NO_MAP))
     log.end("pui")
     assert log.says(health()) == [], "nothing to be over"
@@ -166,7 +166,7 @@ def test_who_is_gone_is_forgotten_and_who_comes_back_says_it_again_but_no_more_o
     assert 0 < told <= MAX_AT_ONCE + 2 * lives // REPORTS_PER_LINE
 
 
-def test_who_begins_to_read_hears_what_is_wrong_and_not_what_was(log: Log) -> None:
+def test_first_reader_gets_current_findings_only(log: Log) -> None:
     log.says(health(NO_MAP, NO_WRIST))
     log.begin()
     assert log.says(health(NO_MAP), 2 * OVER_REPORTS) == [(WARN, NO_MAP)]
@@ -180,7 +180,7 @@ def test_no_text_is_longer_than_ros_needs(log: Log) -> None:
     assert log.says(health("w\0" * 5000), 9) == []
 
 
-async def test_a_service_that_has_gone_is_forgotten_and_not_for_a_person_of_its_name(eager: Bench) -> None:
+async def test_ended_service_is_forgotten_but_not_a_leaving_person(eager: Bench) -> None:
     topic: Any = HEALTH
 
     def reports(instance: str = "pui") -> None:

@@ -47,7 +47,7 @@ def test_placeholders_are_those_of_what_a_row_stands_for(table: Routes) -> None:
             }
 
 
-def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
+def test_latched_and_yielding_routes_are_listed(table: Routes) -> None:
     latched = {row.name for row in table.outward if row.qos.latched}
     assert {"button", "state_transition", "selected_packages", "tf_static", "map_markers"} <= latched
     assert "packages" not in latched
@@ -63,7 +63,7 @@ def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
     assert all(row.yields for row in table.served)
 
 
-def test_a_file_changes_routes_and_a_switched_off_one_frees_its_name(tmp_path: Path) -> None:
+def test_file_changes_routes_and_disabled_ones_free_their_names(tmp_path: Path) -> None:
     path = tmp_path / "routes.yaml"
     path.write_text(
         "prefix: /site1\nworld: map\nroutes:\n"
@@ -121,7 +121,7 @@ def test_people_whose_names_ros_cannot_have_stay_apart() -> None:
     assert frames.resolve("{world}", "anna.b") == "world"
 
 
-def test_names_that_have_come_first_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oldest_ros_names_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ros_names, "MAX_FRAME_NAMES", 2)
     names = RosNames()
     assert [names.of(name) for name in ("a-b", "a.b", "c")] == ["a_b", "a_b_2", "c"]
@@ -185,7 +185,7 @@ def test_numbers_are_stable_and_apart(names: list[str]) -> None:
         st.tuples(st.sampled_from(("number", "bind")), st.integers(0, 9), st.integers(0, 9)), max_size=80
     )
 )
-def test_whatever_is_bound_both_directions_agree(steps: list[tuple[str, int, int]]) -> None:
+def test_numbers_and_names_agree_after_any_binding(steps: list[tuple[str, int, int]]) -> None:
     uids = Uids(max_number=9, max_names=6)
     for what, number, who in steps:
         name = f"p{who}"
@@ -196,7 +196,7 @@ def test_whatever_is_bound_both_directions_agree(steps: list[tuple[str, int, int
         assert {number: name for name, number in uids._numbers.items()} == uids._names
 
 
-def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
+def test_reserved_number_goes_to_the_next_new_name() -> None:
     uids = Uids()
     uids.number("old-1")
     uids.reserve(7)
@@ -211,7 +211,7 @@ def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
     assert uids.number("old-1") != 1
 
 
-def test_names_used_longest_ago_are_forgotten_and_all_numbers_are_given_before_any_comes_again() -> None:
+def test_oldest_names_are_forgotten_and_all_numbers_used_before_reuse() -> None:
     uids = Uids(max_names=3)
     for name in ("a1", "b2", "c3", "a1", "d4"):
         uids.number(name)

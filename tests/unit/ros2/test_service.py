@@ -41,7 +41,7 @@ def of(backend: FakeBackend, user: str) -> set[str]:
     return {name for name in backend.writers if name.startswith(f"/{user}/")}
 
 
-async def test_who_returns_has_their_place(bench: Bench, backend: FakeBackend) -> None:
+async def test_returning_person_keeps_their_position(bench: Bench, backend: FakeBackend) -> None:
     backend.watchers[0](graph(("subscriber", "/tf")))
     here = bench.bus.announce(USER_ALIVE, "anna")
     bench.put(POSE, PLACE, "anna")
@@ -59,7 +59,7 @@ async def test_who_returns_has_their_place(bench: Bench, backend: FakeBackend) -
 
 
 @pytest.mark.parametrize("error", [KeyError("no such type"), SyntaxError()])
-async def test_a_type_that_cannot_be_used_costs_its_routes_only(
+async def test_unusable_type_disables_its_routes_only(
     backend: FakeBackend, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     prepare = Types.prepare
@@ -94,7 +94,7 @@ async def test_other_domains_are_others(bench: Bench, backend: FakeBackend) -> N
     assert bench.bus.site
 
 
-async def test_who_is_missing_is_said(backend: FakeBackend, caplog: pytest.LogCaptureFixture) -> None:
+async def test_missing_ros_nodes_are_noted(backend: FakeBackend, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")  # before it starts: it says that once
     async with memory_bench() as bench:
         bench.start(Ros2)
@@ -104,7 +104,7 @@ async def test_who_is_missing_is_said(backend: FakeBackend, caplog: pytest.LogCa
         await until(lambda: any(each.name == "ROS nodes" and each.value == 1 for each in figures(reports)))
 
 
-async def test_nothing_is_said_while_the_graph_is_left(
+async def test_nothing_is_declared_while_the_bridge_leaves_the_graph(
     backend: FakeBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left: list[set[str]] = []
@@ -129,7 +129,7 @@ def figures(reports: list[Health]) -> tuple[Figure, ...]:
     return reports[-1].figures if reports else ()
 
 
-async def test_what_goes_wrong_is_logged_in_ros(bench: Bench, backend: FakeBackend) -> None:
+async def test_service_warnings_are_logged_in_ros(bench: Bench, backend: FakeBackend) -> None:
     backend.watchers[0](graph(("subscriber", "/rosout")))
     ill = Health(stamp_ns=START_NS, service="pui", instance="pui", pid=1, warnings=("no map",))
     sent = backend.sent["/rosout"]
@@ -164,7 +164,7 @@ def launch(**backend: object) -> Launch:
 @pytest.mark.parametrize(
     "own", [ROS, "tls/localhost:7447", "tcp/[::]:7447", "tcp/0.0.0.0:7447", "tls/127.0.0.1:7447#root=/a.pem"]
 )
-def test_one_port_is_not_both(own: str) -> None:
+def test_ros_router_at_the_address_of_pointit_is_refused(own: str) -> None:
     with pytest.raises(ConfigError) as caught:
         check_launches([launch()], ["tcp/other:7447", own])
     assert str(caught.value) == (
@@ -186,7 +186,7 @@ def test_other_ports_machines_and_protocols_are_apart(own: str) -> None:
 
 
 @pytest.mark.parametrize("endpoint", ["foo", "7447", "tcp/127.0.0.1:70000"])
-def test_an_address_that_is_none_is_refused_before_anything_is_opened(endpoint: str) -> None:
+def test_invalid_endpoint_is_refused_before_anything_is_opened(endpoint: str) -> None:
     with pytest.raises(
         ConfigError, match=rf"^ros2: backend\.endpoint: '{endpoint}' is no address; write one"
     ):
@@ -194,7 +194,7 @@ def test_an_address_that_is_none_is_refused_before_anything_is_opened(endpoint: 
 
 
 @pytest.mark.parametrize("node", ["pointit", "", "/", "/a b", "/pointit\n"])
-def test_a_node_that_has_no_full_name(node: str) -> None:
+def test_node_without_a_full_name_is_refused(node: str) -> None:
     with pytest.raises(ValidationError, match="begin with / and write letters"):
         BackendConfig(node=node)
 
@@ -259,7 +259,7 @@ async def site(backend: FakeBackend, monkeypatch: pytest.MonkeyPatch) -> AsyncIt
         yield Site(made, backend)
 
 
-async def test_it_is_known_that_she_wants_no_cursor_before_a_ray_of_hers_comes(site: Site) -> None:
+async def test_idle_state_is_published_before_the_first_ray(site: Site) -> None:
     order: list[str] = []
     site.bench.bus.subscribe(topics.INTERACTION, lambda message, _name: order.append(message.state))
     site.bench.bus.subscribe(topics.RAY, lambda _message, _name: order.append("ray"))
@@ -268,7 +268,7 @@ async def test_it_is_known_that_she_wants_no_cursor_before_a_ray_of_hers_comes(s
     assert order[0] == "idle"
 
 
-async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
+async def test_ros_user_leaves_when_silent_and_may_return(site: Site) -> None:
     await site.here()
     await until(lambda: "anna" not in site.people)
     assert RAYS in site.backend.readers
@@ -278,7 +278,9 @@ async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
     await until(lambda: site.states == ["idle", "idle"])
 
 
-async def test_who_wants_a_cursor_stays_with_their_ray(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_ros_user_with_a_cursor_stays_while_their_ray_is_published(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(ros_users, "SILENT_S", 0.02)  # so that it has passed many times below
     seen = graph(("publisher", RAYS))
     site.backend.watchers[0](seen)
@@ -297,7 +299,9 @@ async def test_who_wants_a_cursor_stays_with_their_ray(site: Site, monkeypatch: 
     await until(lambda: "anna" not in site.people and site.states[-2:] == ["pointing", "idle"])
 
 
-async def test_a_fault_on_her_way_in_is_tried_again(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_presence_is_announced_again_after_an_error(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
     faults: list[str] = []
 
     def failing_once(*arguments: Any) -> Any:
@@ -313,7 +317,7 @@ async def test_a_fault_on_her_way_in_is_tried_again(site: Site, monkeypatch: pyt
 
 
 @pytest.mark.parametrize("leader", ["supervisor.anna", "pointing.anna", "user-sim.anna"])
-async def test_services_of_ours_win_over_her_nodes_until_they_end(site: Site, leader: str) -> None:
+async def test_pointit_services_replace_ros_nodes_until_they_end(site: Site, leader: str) -> None:
     await site.here()
     site.wishes()
     await until(lambda: site.states[-1:] == ["pointing"])
@@ -341,7 +345,7 @@ async def test_services_of_ours_win_over_her_nodes_until_they_end(site: Site, le
     assert not THEIRS & site.backend.writers.keys()
 
 
-async def test_where_she_stood_as_a_guest_is_no_longer_said_when_services_of_ours_lead(site: Site) -> None:
+async def test_pose_of_a_ros_user_ends_when_pointit_services_start(site: Site) -> None:
     places = site.bench.collect(topics.POSE, "anna")
     site.bench.bus.announce(topics.USER_ALIVE, "anna")
     site.says("/tf_static", "tf2_msgs/msg/TFMessage", tf(frame_of(FRAME, x=3.0)))
@@ -356,7 +360,7 @@ async def test_where_she_stood_as_a_guest_is_no_longer_said_when_services_of_our
     assert late == ["ben"]
 
 
-async def test_a_guest_again_while_other_services_of_ours_stay(site: Site) -> None:
+async def test_ros_user_returns_while_other_pointit_services_stay(site: Site) -> None:
     site.bench.bus.announce(topics.USER_ALIVE, "anna")
     leader = site.bench.bus.announce(topics.SERVICE_ALIVE, "pointing.anna")
     await until(lambda: site.backend.writers.keys() >= THEIRS)
@@ -365,7 +369,7 @@ async def test_a_guest_again_while_other_services_of_ours_stay(site: Site) -> No
     assert "/anna/cursor" in site.backend.writers
 
 
-async def test_the_bridge_takes_its_guests_along(site: Site) -> None:
+async def test_ros_users_leave_when_the_bridge_ends(site: Site) -> None:
     await site.here()
     site.wishes()
     await until(lambda: site.states[-1] == "pointing")
@@ -381,7 +385,7 @@ async def test_the_bridge_takes_its_guests_along(site: Site) -> None:
         *(("[a/b]", "letters, digits"), ("[anna, anna]", "name each person once")),
     ],
 )
-def test_people_are_named_as_a_list_or_as_one_and_each_once(text: str, people: tuple[str, ...] | str) -> None:
+def test_people_are_a_list_or_one_name_without_repetition(text: str, people: tuple[str, ...] | str) -> None:
     layers = Layers()
     layers.add_text(["people"], text, "--set")
     if isinstance(people, str):

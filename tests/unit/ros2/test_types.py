@@ -64,7 +64,7 @@ def test_cdr_of_a_running_node() -> None:
         ("std_msgs/msg/String", {"data": "h\u00e9llo"}),
     ],
 )
-def test_what_a_running_node_meant(name: str, expected: dict[str, Any]) -> None:
+def test_messages_of_a_running_node_are_decoded(name: str, expected: dict[str, Any]) -> None:
     assert plain(jazzy().decode(name, bytes.fromhex(CDR[name]))) == expected
 
 
@@ -133,7 +133,7 @@ def test_lists_of_numbers_may_be_given_as_anything(data: Any) -> None:
     assert cdr.endswith(b"\3\0\0\0\1\2\377")
 
 
-def test_there_is_no_such_field() -> None:
+def test_unknown_field_is_an_error() -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'value'"):
         jazzy().make("std_msgs/msg/Bool", value=True)
 
@@ -155,7 +155,9 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("name", "fields", "problem"), BAD)
-def test_what_does_not_fit_its_type_is_not_encoded(name: str, fields: dict[str, Any], problem: str) -> None:
+def test_value_that_does_not_fit_its_type_is_not_encoded(
+    name: str, fields: dict[str, Any], problem: str
+) -> None:
     with pytest.raises(ValueError, match=problem) as caught:
         jazzy().encode(name, jazzy().make(name, **fields))
     assert str(caught.value).startswith(name)
@@ -172,12 +174,12 @@ def test_what_does_not_fit_its_type_is_not_encoded(name: str, fields: dict[str, 
         (b"\x00\x01\x00\x00" + bytes(1_000_000), "1000004 bytes, at most 1000000 are read"),
     ],
 )
-def test_what_is_no_cdr_is_refused(cdr: bytes, problem: str) -> None:
+def test_invalid_cdr_is_refused(cdr: bytes, problem: str) -> None:
     with pytest.raises(ValueError, match=f"std_msgs/msg/Bool: {problem}"):
         jazzy().decode("std_msgs/msg/Bool", cdr)
 
 
-def test_the_size_that_is_read_is_given_and_what_is_behind_is_ignored() -> None:
+def test_decoding_is_limited_in_size_and_ignores_padding() -> None:
     name = "std_msgs/msg/String"
     cdr = jazzy().encode(name, jazzy().make(name, data="a" * 11))
     assert jazzy().decode(name, cdr, max_bytes=20).data == "a" * 11
@@ -211,7 +213,7 @@ def test_a_length_that_the_bytes_cannot_fill_allocates_nothing(name: str, claime
 @pytest.mark.parametrize(
     "name", ["std_msgs/msg/Boolean", "std_msgs/Bool", "Bool", "", "std_srvs/srv/Nothing"]
 )
-def test_an_unknown_type_is_told_in_a_sentence(name: str) -> None:
+def test_unknown_type_is_reported_in_a_sentence(name: str) -> None:
     for ask in (jazzy().kind, jazzy().make, jazzy().prepare, partial(jazzy().decode, cdr=b"")):
         with pytest.raises(KeyError) as caught:
             ask(name)
@@ -246,7 +248,7 @@ def test_another_hash_stops_the_bridge(monkeypatch: pytest.MonkeyPatch, tmp_path
             use("std_msgs/msg/Bool")
 
 
-def test_what_is_shipped_knows_every_hash_of_ours() -> None:
+def test_shipped_hashes_cover_all_used_types() -> None:
     ours = golden("hashes")
     shipped: dict[str, str] = json.loads(types.GOLDEN.read_text(encoding="utf-8"))
     for path in INTERFACES.glob("*/*/*.[ms][sr][gv]"):
@@ -309,7 +311,7 @@ def test_interfaces_folder_has_no_other_files() -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_what_is_built_is_what_is_there(package: str) -> None:
+def test_manifest_builds_every_interface_file(package: str) -> None:
     folder = INTERFACES / package
     cmake = (folder / "CMakeLists.txt").read_text(encoding="utf-8")
     there = {path.relative_to(folder).as_posix() for path in folder.glob("*/*")}

@@ -116,7 +116,7 @@ async def test_a_ground_robot_reports_drives_and_stops(monkeypatch: pytest.Monke
     assert not bench.graph.readers
 
 
-async def test_a_bad_pose_is_told_in_health_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_bad_pose_is_a_warning_and_not_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     async with driving(monkeypatch, GROUND, **TOPIC) as bench:
         bench.say("/pose", POSE, header=header("moon"), pose=pose())
         assert "no transform leads from 'moon' to 'map'" in bench.around.now["pose"]
@@ -180,7 +180,7 @@ SOURCES = {
 
 @pytest.mark.parametrize("name", SOURCES)
 @given(data=st.data())
-def test_whatever_comes_as_a_pose_is_a_finite_report_or_a_sentence(name: str, data: st.DataObject) -> None:
+def test_any_pose_message_gives_a_finite_report_or_a_sentence(name: str, data: st.DataObject) -> None:
     reader = PoseReader(SOURCES[name], "map")
     value = data.draw(any_value(name))
     if name == TF:

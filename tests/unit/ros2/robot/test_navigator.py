@@ -75,7 +75,7 @@ def heading(bench: Bench, goal: bytes) -> float:
     return vector.azimuth(rotation.rotate((turned.x, turned.y, turned.z, turned.w), (1.0, 0.0, 0.0)))
 
 
-async def test_a_path_is_one_goal_after_the_other_and_done_at_the_last(bench: Bench) -> None:
+async def test_path_is_a_sequence_of_goals_and_done_at_the_last(bench: Bench) -> None:
     first = await bench.told(plugins.FollowPath(1, ((0.0, 1.0, 0.0), (2.0, 2.0, 0.0)), yaw_rad=0.5), 1)
     pose = bench.nav2.goals[first].pose
     assert (pose.header.frame_id, pose.header.stamp.sec) == ("map", START_NS // plugins.NS_PER_S)
@@ -96,7 +96,7 @@ async def test_a_path_is_one_goal_after_the_other_and_done_at_the_last(bench: Be
     assert bench.nav2.cancelled == []
 
 
-async def test_a_stop_cancels_the_goal_and_the_rest_of_the_path(bench: Bench) -> None:
+async def test_stop_cancels_the_goal_and_the_remaining_path(bench: Bench) -> None:
     goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))), 1)
     bench.navigator.command(plugins.Stop(2))
     await until(lambda: bench.nav2.cancelled == [goal])
@@ -108,7 +108,7 @@ async def test_a_stop_cancels_the_goal_and_the_rest_of_the_path(bench: Bench) ->
     assert bench.news == [(1, "accepted")]
 
 
-async def test_a_stop_cancels_goals_that_others_have_sent_until_the_server_answers(bench: Bench) -> None:
+async def test_stop_cancels_goals_of_other_clients_until_the_server_answers(bench: Bench) -> None:
     foreign = bench.nav2.ends[b"crashed earlier."] = asyncio.get_running_loop().create_future()
     bench.nav2.clear_failures = 1
     bench.navigator.command(plugins.Stop(1))
@@ -126,7 +126,7 @@ async def test_a_stop_cancels_goals_that_others_have_sent_until_the_server_answe
     assert bench.news == []
 
 
-async def test_a_goal_after_a_stop_waits_until_all_others_are_cancelled(bench: Bench) -> None:
+async def test_goal_after_a_stop_waits_for_all_cancellations(bench: Bench) -> None:
     bench.nav2.clear_gate = asyncio.Event()
     bench.navigator.command(plugins.Stop(1))
     await until(lambda: bench.nav2.clears == 1)
@@ -140,7 +140,7 @@ async def test_a_goal_after_a_stop_waits_until_all_others_are_cancelled(bench: B
     assert not next(iter(bench.nav2.ends.values())).done()
 
 
-async def test_a_goal_whose_acceptance_comes_after_the_stop_is_cancelled_then(bench: Bench) -> None:
+async def test_goal_accepted_after_a_stop_is_cancelled(bench: Bench) -> None:
     bench.nav2.gate = asyncio.Event()
     goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
     bench.navigator.command(plugins.Stop(2))
@@ -152,7 +152,7 @@ async def test_a_goal_whose_acceptance_comes_after_the_stop_is_cancelled_then(be
     assert bench.news == []
 
 
-async def test_a_refusal_and_a_failure_say_why(bench: Bench) -> None:
+async def test_refusals_and_failures_are_reported_with_reasons(bench: Bench) -> None:
     bench.nav2.accepts = False
     await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
     assert bench.news == [(1, "refused")]
@@ -164,7 +164,7 @@ async def test_a_refusal_and_a_failure_say_why(bench: Bench) -> None:
     assert bench.reasons[-1] == "Nav2 gave up: error 208"
 
 
-async def test_a_server_that_does_not_answer_is_told_and_its_goal_cancelled_should_it_turn_up(
+async def test_unanswered_goal_is_reported_and_cancelled_when_it_appears(
     bench: Bench,
 ) -> None:
     bench.nav2.is_silent = True
@@ -175,7 +175,7 @@ async def test_a_server_that_does_not_answer_is_told_and_its_goal_cancelled_shou
     await until(lambda: bench.nav2.cancelled == [goal])
 
 
-async def test_an_end_that_only_the_status_topic_tells_is_told_late(bench: Bench) -> None:
+async def test_end_known_by_the_status_topic_only_is_reported_late(bench: Bench) -> None:
     goal = await bench.told(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)), 1)
     bench.nav2.status((goal, GoalStatus.ABORTED))
     assert bench.news == [(1, "accepted")]
@@ -186,7 +186,7 @@ async def test_an_end_that_only_the_status_topic_tells_is_told_late(bench: Bench
     assert len(bench.news) == 2
 
 
-async def test_a_place_that_moves_is_a_new_goal_once_a_second(bench: Bench) -> None:
+async def test_moving_place_is_a_new_goal_once_a_second(bench: Bench) -> None:
     bench.passes(1.0)
     await bench.told(plugins.Follow(1, (1.0, 0.0, 0.0)), 1)
     for count in range(20):
@@ -206,7 +206,7 @@ async def test_a_place_that_moves_is_a_new_goal_once_a_second(bench: Bench) -> N
     await until(lambda: bench.nav2.cancelled == [old])  # this server does not end it by itself
 
 
-async def test_a_robot_with_nav2_does_not_land_and_leaving_cancels_its_goal(bench: Bench) -> None:
+async def test_landing_is_refused_and_closing_cancels_the_goal(bench: Bench) -> None:
     bench.navigator.command(plugins.Land(1))
     assert bench.news == [(1, "refused")]
     goal = await bench.told(plugins.FollowPath(2, ((1.0, 0.0, 0.0),)), 1)
@@ -214,7 +214,7 @@ async def test_a_robot_with_nav2_does_not_land_and_leaving_cancels_its_goal(benc
     assert bench.nav2.cancelled == [goal]
 
 
-async def test_unreadable_bytes_of_the_server_are_a_problem_and_no_news(bench: Bench) -> None:
+async def test_unreadable_server_messages_are_reported_without_an_outcome(bench: Bench) -> None:
     say: Callable[[bytes], None] = bench.nav2.readers[f"{ACTION}/status"]
     say(b"\x00\x01\x00\x00\xff\xff\xff\xff")
     bench.nav2.readers[f"{ACTION}/feedback"](b"")
@@ -235,7 +235,7 @@ def accepted(goal: bytes = A, now_ns: int = LATER_NS) -> GoalBook:
     return book
 
 
-def test_a_refused_goal_leaves_nothing_to_cancel_but_the_one_before() -> None:
+def test_refused_goal_leaves_the_previous_one_to_cancel() -> None:
     book = GoalBook()
     book.begin(A)
     assert book.on_response(A, accepted=False, now_ns=LATER_NS) == "refused"
@@ -246,7 +246,7 @@ def test_a_refused_goal_leaves_nothing_to_cancel_but_the_one_before() -> None:
     assert book.to_cancel(LATER_NS) == [A]
 
 
-def test_a_stopped_goal_is_cancelled_again_and_again_until_it_has_ended() -> None:
+def test_stopped_goal_is_cancelled_repeatedly_until_it_ends() -> None:
     book = accepted()
     book.drop()
     assert book.to_cancel(LATER_NS) == [A]
@@ -256,7 +256,7 @@ def test_a_stopped_goal_is_cancelled_again_and_again_until_it_has_ended() -> Non
     assert book.to_cancel(LATER_NS + 2 * RETRY_NS) == []
 
 
-def test_a_goal_that_no_server_answered_is_cancelled_should_it_turn_up() -> None:
+def test_unanswered_goal_is_cancelled_when_it_appears() -> None:
     book = GoalBook()
     book.begin(A)
     assert book.on_silence(A) == "failed"
@@ -267,7 +267,7 @@ def test_a_goal_that_no_server_answered_is_cancelled_should_it_turn_up() -> None
     assert book.to_cancel(2 * LATER_NS) == [A]
 
 
-def test_the_status_topic_tells_an_end_whose_result_does_not_come_and_of_others_that_do_not_matter() -> None:
+def test_status_topic_gives_missing_ends_and_other_clients_are_ignored() -> None:
     book = accepted()
     assert book.on_status([(B, GoalStatus.EXECUTING), (B, GoalStatus.ABORTED)], LATER_NS) == []
     assert book.on_end(B, GoalStatus.ABORTED) is None
@@ -300,7 +300,7 @@ def told(book: GoalBook, what: str | GoalStatus, goal: bytes, now_ns: int) -> li
 
 
 @given(st.lists(EVENTS, max_size=40))
-def test_goals_end_once_and_the_wanted_one_is_never_cancelled(
+def test_goals_end_once_and_wanted_ones_are_never_cancelled(
     events: list[tuple[str | GoalStatus, bytes]],
 ) -> None:
     book = GoalBook()

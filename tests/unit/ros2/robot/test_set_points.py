@@ -69,14 +69,14 @@ def far_m(a: Vec3, b: Vec3) -> float:
         (FollowPath(1, ((1.0, 0.0, 1.0),)), ("refused", "it is on the ground: take off first")),
     ],
 )
-def test_who_stands_on_the_ground_takes_off_first(command: Command, answer: tuple[str, str]) -> None:
+def test_drone_on_the_ground_has_to_take_off_first(command: Command, answer: tuple[str, str]) -> None:
     drone = Drone()
     assert drone.told(command) == answer
     drone.fly(1.0)
     assert not any(drone.sent)
 
 
-def test_it_faces_as_told_at_the_end_of_a_path_and_set_points_end_with_a_landing() -> None:
+def test_set_points_have_the_final_yaw_and_end_with_landing() -> None:
     drone = Drone().hovering()
     drone.told(FollowPath(2, ((2.0, 0.0, 1.0), (2.0, 1.0, 1.5)), yaw_rad=1.0))
     drone.fly(8.0)
@@ -101,7 +101,7 @@ def test_a_stop_brakes_and_holds() -> None:
     assert far_m(held.position_m, drone.at_m) < 0.01
 
 
-def test_the_set_point_waits_for_a_drone_that_is_stuck_and_while_no_pose_comes() -> None:
+def test_set_point_waits_when_the_drone_is_stuck_or_without_pose() -> None:
     drone = Drone().hovering()
     at_m = drone.at_m
     drone.told(Follow(2, (9.0, 0.0, 1.0)))

@@ -111,7 +111,7 @@ def test_a_twist_is_in_the_frame_that_the_message_names(
 
 
 @pytest.mark.parametrize("frame", ["agv1/odom", "map"])
-def test_a_twist_in_a_fixed_frame_that_is_turned_in_the_room_is_turned(frame: str) -> None:
+def test_twist_in_a_rotated_fixed_frame_is_rotated(frame: str) -> None:
     robot = reader()
     still = jazzy().decode(TF, transforms(("map", "agv1/odom", 3.0), turned=LEFT))
     assert robot.transforms(still, NOW_NS, is_static=True) == ""
@@ -119,7 +119,7 @@ def test_a_twist_in_a_fixed_frame_that_is_turned_in_the_room_is_turned(frame: st
     assert found.velocity_mps == pytest.approx((0.0, 0.5, 0.0))
 
 
-def test_a_twist_in_a_fixed_frame_that_no_transform_leads_to_is_left_out_and_named() -> None:
+def test_twist_in_an_unknown_frame_is_left_out_and_reported() -> None:
     robot = reader()
     second_ns = NOW_NS + NS_PER_S // 10
     for stamp_ns, x in ((NOW_NS, 1.0), (second_ns, 1.1)):
@@ -152,7 +152,7 @@ def test_a_covariance_that_is_unknown_leaves_the_pose(covariance: Any, sigma_m: 
     assert robot.problem == ""
 
 
-def test_a_covariance_that_is_none_is_named_and_leaves_the_pose() -> None:
+def test_invalid_covariance_is_reported_and_the_pose_is_used() -> None:
     robot = reader()
     found = report(odometry(covariance=matrix(0.1, 0.1, 0.1, rest=1e9)), robot)
     assert (found.position_m, found.position_sigma_m) == ((1.0, 2.0, 0.0), None)
@@ -160,7 +160,7 @@ def test_a_covariance_that_is_none_is_named_and_leaves_the_pose() -> None:
 
 
 @pytest.mark.parametrize("speed_mps", [NAN, math.inf, 1e9])
-def test_a_twist_that_is_no_velocity_is_named_as_such_and_leaves_the_pose(speed_mps: float) -> None:
+def test_invalid_twist_is_reported_and_the_pose_is_used(speed_mps: float) -> None:
     robot = reader()
     found = report(odometry(forward_mps=speed_mps), robot)
     assert (found.position_m, found.velocity_mps) == ((1.0, 2.0, 0.0), (0.0, 0.0, 0.0))
@@ -171,7 +171,7 @@ def test_a_twist_that_is_no_velocity_is_named_as_such_and_leaves_the_pose(speed_
 
 
 @pytest.mark.parametrize("variance", [-1.0, 1e6, 0.0, NAN])  # with 0 nothing was filled in
-def test_a_twist_that_is_not_measured_is_found_by_the_positions(variance: float) -> None:
+def test_unmeasured_twist_is_computed_from_positions(variance: float) -> None:
     robot = reader()
     found = [
         report(
@@ -198,7 +198,7 @@ def test_a_twist_of_0_with_a_covariance_is_stated() -> None:
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0, 0.0), (NAN, NAN, NAN, NAN)])
-def test_a_robot_without_a_heading_keeps_its_last_one_and_has_none_before(turned: Quaternion) -> None:
+def test_robot_without_a_heading_keeps_its_last_one(turned: Quaternion) -> None:
     robot = reader()
     refused = robot.message(odometry(turned=turned), NOW_NS)
     assert isinstance(refused, str)
@@ -224,7 +224,7 @@ def test_a_frame_of_another_namespace_is_another_one() -> None:
 
 
 @pytest.mark.parametrize("name", ["agv1/base_link", "/agv1/base_link"])
-def test_transforms_with_slashes_are_heard_and_chained(name: str) -> None:
+def test_transforms_with_slashes_are_read_and_chained(name: str) -> None:
     robot = PoseReader(PoseSource(type="tf", frame=name), "/map")
     cdr = transforms(("/map", "/agv1/odom", 1.0), ("agv1/odom", "/agv1/base_link", 2.0))
     assert robot.is_wanted(cdr)
@@ -233,7 +233,7 @@ def test_transforms_with_slashes_are_heard_and_chained(name: str) -> None:
     assert found.position_m == pytest.approx((3.0, 0.0, 0.0))
 
 
-def test_a_moving_transform_without_a_stamp_is_as_old_as_its_arrival() -> None:
+def test_moving_transform_without_a_stamp_has_its_arrival_time() -> None:
     buffer = TransformBuffer()
     value = jazzy().decode(TF, transforms(("map", "base_link", 1.0), stamp_ns=0))
     assert list(buffer.take(value, is_static=False, now_ns=NOW_NS)) == []
@@ -271,14 +271,14 @@ def test_a_tracker_reads_odometry_as_a_robots_driver_does() -> None:
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0, 0.0), (NAN, 0.0, 0.0, 1.0)])
-def test_an_object_whose_orientation_is_not_set_is_where_it_is_without_a_heading(turned: Quaternion) -> None:
+def test_object_without_an_orientation_has_a_position_and_no_heading(turned: Quaternion) -> None:
     value = decoded(POSE, header=stamped(frame="/map"), pose=posed(1.0, turned))
     ((item,), warnings) = tracked("geometry_msgs/PoseStamped", value)
     assert (item.position_m, item.yaw_rad) == ((1.0, 2.0, 0.0), None)
     assert ["is not a rotation" in each for each in warnings] == [True]
 
 
-def test_a_detection_whose_size_or_covariance_is_unknown_is_where_it_is() -> None:
+def test_detection_has_its_position_without_size_or_covariance() -> None:
     result = make(
         "vision_msgs/msg/ObjectHypothesisWithPose",
         hypothesis=make("vision_msgs/msg/ObjectHypothesis", class_id="cup", score=0.9),
@@ -340,7 +340,7 @@ def test_a_persons_pose_is_read_with_and_without_slashes(parent: str, child: str
         ((0.0, 0.0, 0.0, 0.0), 0.0, False),
     ],
 )
-def test_an_imu_is_read_by_what_it_says_of_its_orientation(
+def test_imu_is_read_by_its_stated_orientation_covariance(
     turned: Quaternion,
     variance: float,
     is_read: bool,
@@ -365,7 +365,7 @@ def imu(frame: str, turned: Quaternion, variance: float = 0.0, stamp_ns: int = N
     )
 
 
-def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first() -> None:
+def test_imu_in_another_frame_is_reported_and_not_used() -> None:
     route = into("imu_in")
     scene = scene_of("anna")
     samples: list[WristSample] = []

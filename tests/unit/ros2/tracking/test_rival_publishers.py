@@ -33,7 +33,7 @@ def test_frame_that_two_nodes_publish_is_named(first: Step, second: Step, ratio:
     assert "end one of them" in last
 
 
-def test_frame_that_moves_fast_or_is_handed_over_is_that_of_one_node() -> None:
+def test_fast_or_handed_over_frame_has_one_publisher() -> None:
     circle = [("map", 3.0 * math.cos(0.05 * step), 3.0 * math.sin(0.05 * step)) for step in range(500)]
     handed_over = [*circle, *(("gripper", 0.1, 0.0) for _ in range(50)), *circle]
     shuttle = [("map", abs(5.0 - 0.25 * (step % 40)), 0.0) for step in range(400)]

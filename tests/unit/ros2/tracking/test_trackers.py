@@ -133,9 +133,7 @@ async def test_odometry_gives_velocity_in_the_room_and_sigma_by_covariance(bridg
     assert item.position_sigma_m == pytest.approx(0.2)
 
 
-async def test_a_frame_of_tf_becomes_an_object_as_soon_as_its_chain_is_complete(
-    bridge: Bench, seen: Seen
-) -> None:
+async def test_tf_frame_becomes_an_object_when_its_chain_is_complete(bridge: Bench, seen: Seen) -> None:
     moving = transform("map", "cf1", 3.0, stamp_ns=START_NS - NS_PER_S // 10)
     bridge.say("/tf", TF, transforms=[moving, transform("map", "another")])
     assert any("no transform leads from 'map' to 'world'" in each for each in bridge.warnings())
@@ -163,9 +161,7 @@ async def test_packages_of_the_ros_toolkit_keep_their_numbers(bridge: Bench, see
     assert any("package 20 is on '', which is no line of the map" in each for each in bridge.warnings())
 
 
-async def test_detections_are_objects_of_their_likeliest_class_in_the_cameras_frame(
-    bridge: Bench, seen: Seen
-) -> None:
+async def test_detections_are_objects_of_their_likeliest_class(bridge: Bench, seen: Seen) -> None:
     bridge.say("/tf_static", TF, transforms=[transform("world", "camera", 5.0)])
     results = [
         make(
@@ -218,7 +214,7 @@ async def test_bad_poses_are_refused_with_one_sentence(
     assert not seen["agv1"]
 
 
-def test_what_is_told_twice_or_overtaken_is_published_once() -> None:
+def test_repeated_and_overtaken_messages_are_published_once() -> None:
     row = next(each for each in tracker_routes(configured()) if each.ros == "/agv1/pose")
     scene = furnished()
     counts = list[int]()
@@ -228,7 +224,7 @@ def test_what_is_told_twice_or_overtaken_is_published_once() -> None:
     assert counts == [1, 0, 0, 1]
 
 
-def test_velocity_of_steady_motion_is_found_and_a_gap_resets_it() -> None:
+def test_velocity_converges_in_steady_motion_and_restarts_after_gaps() -> None:
     motion = Motion()
     speed_mps = 0.8
     found = (0.0, 0.0, 0.0)
@@ -261,7 +257,7 @@ ROWS = tuple({row.type: row for row in tracker_routes(configured())}.values())
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.type for row in ROWS])
 @given(data=st.data())
-def test_whatever_comes_is_an_object_or_warned_of(row: InboundRoute, data: st.DataObject) -> None:
+def test_any_message_is_an_object_or_a_warning(row: InboundRoute, data: st.DataObject) -> None:
     fresh = next(each for each in tracker_routes(configured()) if each.type == row.type)
     scene = furnished()
     cdr = (
@@ -317,7 +313,7 @@ def filled(*moving: Any, static: tuple[Any, ...] = ()) -> TransformBuffer:
 
 
 @given(st.lists(POSES, min_size=1, max_size=5), st.tuples(METRES, METRES, METRES))
-def test_a_chain_moves_a_point_as_its_transforms_do_one_by_one(chain: list[Pose], at_m: Vec3) -> None:
+def test_chain_equals_its_transforms_one_by_one(chain: list[Pose], at_m: Vec3) -> None:
     names = ["world", *(f"frame{count}" for count in range(len(chain)))]
     links = [link(names[count], names[count + 1], pose) for count, pose in enumerate(chain)]
     placed = filled(*links[1:], static=(links[0],)).placed(names[-1], ROOTS, NOW_NS, 1.0)
@@ -329,7 +325,7 @@ def test_a_chain_moves_a_point_as_its_transforms_do_one_by_one(chain: list[Pose]
     assert vector.norm(vector.subtract(found, expected)) < 1e-6
 
 
-def test_the_stamp_is_that_of_the_moving_transform_nearest_to_the_frame() -> None:
+def test_stamp_is_that_of_the_nearest_moving_transform() -> None:
     buffer = filled(
         link("map", "odom", age_s=-0.2),
         link("odom", "base", age_s=0.1),
@@ -364,7 +360,7 @@ def test_a_frame_that_is_nowhere_is_refused(links: list[tuple[str, str, float]],
         (link("odom", "base", Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))), "is not a rotation"),
     ],
 )
-def test_a_bad_transform_is_refused_and_the_last_good_one_stays(bad: Any, expected: str) -> None:
+def test_bad_transform_is_refused_and_the_previous_one_stays(bad: Any, expected: str) -> None:
     good = Pose((1.0, 2.0, 3.0), rotation.IDENTITY)
     buffer = filled(link("odom", "base", good), static=(link("world", "odom"),))
     (sentence,) = buffer.take(message(bad), is_static=False)
@@ -382,7 +378,7 @@ def test_an_overtaken_transform_does_not_replace_a_newer_one() -> None:
     assert placed.pose.position_m == (1.0, 0.0, 0.0)
 
 
-def test_frames_that_were_asked_for_and_those_above_are_found_in_bytes() -> None:
+def test_wanted_frames_and_their_parents_are_found_in_bytes() -> None:
     buffer = filled(link("odom", "base"))
     buffer.placed("base", ROOTS, NOW_NS, 1.0)
     cdr = jazzy().encode("tf2_msgs/msg/TFMessage", message(link("map", "odom"), link("base2", "x")))
@@ -390,7 +386,7 @@ def test_frames_that_were_asked_for_and_those_above_are_found_in_bytes() -> None
 
 
 @given(TURNS)
-def test_yaw_of_a_level_rotation_is_its_angle_and_of_an_upright_x_axis_that_of_its_y_axis(
+def test_yaw_is_that_of_the_x_axis_unless_it_is_upright(
     yaw_rad: float,
 ) -> None:
     turned = rotation.from_yaw(yaw_rad)

@@ -448,6 +448,7 @@ async def play_live(
     Raises:
         ReplayError: Services of the recording run on the site already, or cannot be replayed.
     """
+    # The site has its own observers, but one service of a name only
     present = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
     observers: set[str] = set()
     for instance in present:
@@ -460,6 +461,7 @@ async def play_live(
         raise ReplayError(
             f"site {bus.site} runs {services}, as the recording does: end them, or name another site"
         )
+    # The time is published for as long as it plays: others follow it
     clock = RecordingClock(plan.source.began_ns, speed)
     async with scratch_folder() as folder:
         time = asyncio.create_task(publish_time(clock, bus), name="time of the replay")

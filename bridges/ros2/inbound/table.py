@@ -193,6 +193,7 @@ def served() -> tuple[ServiceRoute, ...]:
     """Return the services, with new converters."""
     add_pack = conveyor.AddPack()
     return (
+        # Conveyor
         ServiceRoute(
             name="add_pack",
             ros="/add_pack",
@@ -219,6 +220,7 @@ def served() -> tuple[ServiceRoute, ...]:
             asks=conveyor.reset,
             context="empty the conveyor",
         ),
+        # People and lights
         ServiceRoute(
             name="set_yaw_origin",
             ros="/{user}/metawear_ros/set_yaw_origin",

@@ -242,6 +242,7 @@ def _lists() -> tuple[OutboundRoute, ...]:
 
 def _people() -> tuple[OutboundRoute, ...]:
     return (
+        # Facts about each person
         OutboundRoute(
             name="anonymous",
             ros=f"{PERSON}/anonymous",
@@ -280,6 +281,7 @@ def _people() -> tuple[OutboundRoute, ...]:
             has_end=True,
             context="probability that a person is within 0.5 m of their position",
         ),
+        # Their bodies
         OutboundRoute(
             name="joint_states",
             ros=f"{BODY_ROUTES}/joint_states",

@@ -178,6 +178,7 @@ def outward() -> tuple[OutboundRoute, ...]:
 def _standard() -> tuple[OutboundRoute, ...]:
     rosout = Rosout()
     return (
+        # People and their frames
         OutboundRoute(
             name="pose",
             ros="/{user}/pose",
@@ -218,6 +219,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
             by=static_frames,
             context="lamps, starts of belts and strips, all in one message",
         ),
+        # Arms, cursors and what people select
         OutboundRoute(
             name="imu",
             ros="/{user}/imu",
@@ -276,6 +278,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
             on_change=True,
             context="whether a person points",
         ),
+        # Time and state of the site
         OutboundRoute(
             name="clock",
             ros="/clock",
@@ -311,6 +314,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
             forgets=rosout.forget,
             context="what goes wrong with a service, once, and when it is over",
         ),
+        # The scene, for viewers
         OutboundRoute(
             name="markers",
             ros="/pointit/markers",
@@ -344,6 +348,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
 
 def _toolkit() -> tuple[OutboundRoute, ...]:
     return (
+        # People, as the nodes of the ROS toolkit publish them
         OutboundRoute(
             name="pointing_ray",
             ros="/{user}/pointing_ray",
@@ -404,6 +409,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             has_user_publisher=True,
             context="request for a cursor of a pointing person, for a pui_node of the ROS toolkit",
         ),
+        # Objects on conveyors
         OutboundRoute(
             name="packages",
             ros="/packages",
@@ -435,6 +441,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             rate_hz=POINTING_HZ,
             context="pointing people, with line, position on it and target",
         ),
+        # Lights, and the schedule of feeders
         OutboundRoute(
             name="led_strips",
             ros="/led_strips",

@@ -49,8 +49,8 @@ class Ros2Driver:
         control = "nav2" if spec.kind == "ground" else "setpoints"
         if config.control != control:
             raise ConfigError(
-                f"robot {spec.name}: control {config.control} is not for a {spec.kind} robot; set it to "
-                f"{control}"
+                f"robot {spec.name}: control {config.control} is not for a {spec.kind} robot; "
+                f"set it to {control}"
             )
         self._config = config
         self._spec = spec

@@ -27,6 +27,8 @@ MAX_STATES = 1000
 
 Sentences = Iterator[tuple[LogLevel, str]]
 """Levels and texts of log lines."""
+SentenceWriter = Callable[[Any, Any], Sentences]
+"""Describes a message and the previous one of its key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class EventLog:
         self._site = site
         self._states: OrderedDict[tuple[type[Message], str], Message] = OrderedDict()
         """Last states by type and name. They outlive their services, with which they return unchanged."""
-        self._writers: dict[type[Message], Callable[[Any, Any], Sentences]] = {
+        self._writers: dict[type[Message], SentenceWriter] = {
             Health: self._health,
             SelectionEvent: self._selection,
             Feedback: self._feedback,

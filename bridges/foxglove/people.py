@@ -64,12 +64,13 @@ def frame_of(user: str) -> str:
 def transform(user: str, pose: UserPose, now_ns: int) -> FrameTransform:
     """Return {H} of `user` in {W}."""
     x, y, z, w = rotation.from_yaw(pose.yaw_rad)
+    orientation = Quaternion(x=x, y=y, z=z, w=w)
     return FrameTransform(
         timestamp=shapes.timestamp(now_ns),
         parent_frame_id=shapes.WORLD,
         child_frame_id=frame_of(user),
         translation=shapes.size(*pose.position_m),
-        rotation=Quaternion(x=x, y=y, z=z, w=w),
+        rotation=orientation,
     )
 
 
@@ -116,8 +117,10 @@ def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedE
     if rim is not None:
         lines.append(shapes.line(rim.tolist(), rgb, kind="loop"))
     head = shapes.sphere(stance.eyes_m, HEAD_M, rgb)
-    label = shapes.label(user, shapes.above(stance.eyes_m, 0.3), rgb)
-    facts = {"user": user, "located by": pose.method, "samples": str(pose.samples)}
+    above = shapes.above(stance.eyes_m, 0.3)
+    label = shapes.label(user, above, rgb)
+    samples = str(pose.samples)
+    facts = {"user": user, "located by": pose.method, "samples": samples}
     return shapes.entity(
         f"person {user}",
         now_ns,
@@ -157,7 +160,8 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
     if point_m is not None:
         on = cursor.solid or cursor.surface
         miss_m = f"{cursor.miss_m:.3f}"
-        facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": miss_m}
+        place = f"{on} {cursor.surface_id}"
+        facts = {"user": user, "on": place, "miss_m": miss_m}
         ball = shapes.sphere(point_m, CURSOR_M, rgb)
         entity = shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
         entities.append(entity)
@@ -169,7 +173,8 @@ def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
     heading = vector.direction(goal.yaw_rad, 0.0)
     step = vector.scale(heading, GOAL_M)
     arrow = shapes.arrow(foot, step, rgb, width_m=0.05)
-    label = shapes.label(f"goal of {user}", shapes.above(foot, 0.4), rgb)
+    above = shapes.above(foot, 0.4)
+    label = shapes.label(f"goal of {user}", above, rgb)
     sigma_m = f"{goal.position_sigma_m:.3f}"
     facts = {"user": user, "on": goal.surface_id, "sigma_m": sigma_m}
     return shapes.entity(f"goal {user}", now_ns, facts=facts, arrows=[arrow], texts=[label])

@@ -57,10 +57,11 @@ class Pixels:
 
     def cloud(self, now_ns: int) -> PointCloud:
         """Return the points with fields x, y, z (m, {W}) and red, green, blue, alpha (0 to 255)."""
+        at_origin = shapes.pose((0.0, 0.0, 0.0))
         return PointCloud(
             timestamp=shapes.timestamp(now_ns),
             frame_id=shapes.WORLD,
-            pose=shapes.pose((0.0, 0.0, 0.0)),
+            pose=at_origin,
             point_stride=_LAYOUT.itemsize,
             fields=_FIELDS,
             data=self._points.tobytes(),

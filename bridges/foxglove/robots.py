@@ -59,7 +59,8 @@ def robot(
     phase = state.phase.replace("_", " ")
     action = f"{state.user} {phase}" if state.user else phase
     text = f"{name}\n{action}"
-    label = shapes.label(text, shapes.above(at, ABOVE_M), rgb)
+    above = shapes.above(at, ABOVE_M)
+    label = shapes.label(text, above, rgb)
     steered_by = state.user or "nobody"
     facts = {"robot": name, "steered by": steered_by, "phase": state.phase}
     facts["reason"] = state.reason
@@ -108,11 +109,13 @@ def _body(state: RobotState) -> list[CylinderPrimitive]:
     # Two arms cross, with a disc at each end
     parts: list[CylinderPrimitive] = []
     for start, end in zip(rotors[:2], rotors[2:], strict=True):
-        parts.append(shapes.cylinder_between(start, end, 0.12 * radius_m, BODY))
+        arm = shapes.cylinder_between(start, end, 0.12 * radius_m, BODY)
+        parts.append(arm)
     height_m = 0.1 * radius_m
     diameter_m = 0.7 * radius_m
     for rotor in rotors:
-        parts.append(shapes.cylinder(rotor, height_m, diameter_m, BODY, alpha=0.8))
+        disc = shapes.cylinder(rotor, height_m, diameter_m, BODY, alpha=0.8)
+        parts.append(disc)
     return parts
 
 

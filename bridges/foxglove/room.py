@@ -173,7 +173,8 @@ def _box(box: Box | Thing) -> dict[str, object]:
     if isinstance(box, Thing):
         height_m = box.size_m[2] / 2.0 + LAMP_M
         name = box.label or box.id
-        texts.append(shapes.label(name, shapes.above(box.center_m, height_m)))
+        above = shapes.above(box.center_m, height_m)
+        texts.append(shapes.label(name, above))
     return {"cubes": [cube], "lines": [edges], "texts": texts}
 
 
@@ -203,7 +204,8 @@ def _plane(plane: Plane) -> dict[str, object]:
         offset = vector.add(offset_u, vector.scale(up, sign_v))
         corners.append(vector.add(plane.center_m, offset))
     places = np.array(corners)
-    surface = shapes.surface(places, (0, 1, 2, 0, 2, 3), SOLID, GLASS)
+    triangles = (0, 1, 2, 0, 2, 3)
+    surface = shapes.surface(places, triangles, SOLID, GLASS)
     outline = shapes.line(places.tolist(), RIM, kind="loop", pixels=1.0)
     return {"triangles": [surface], "lines": [outline]}
 
@@ -212,7 +214,8 @@ def _cloud(cloud: Cloud) -> dict[str, object]:
     low = cloud.low_m
     high = cloud.high_m
     center = vector.scale(vector.add(low, high), 0.5)
-    edges = shapes.box_edges(center, vector.subtract(high, low), rotation.IDENTITY)
+    size_m = vector.subtract(high, low)
+    edges = shapes.box_edges(center, size_m, rotation.IDENTITY)
     lines = [shapes.line(edges, RIM, kind="list", pixels=1.0)]
     text = f"{cloud.id}: {cloud.points} points"
     label = shapes.label(text, center)
@@ -260,9 +263,11 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
         facts = {"kind": "lamp", "id": lamp.id, "color": color}
         shown: Rgb = (max(red, OFF), max(green, OFF), max(blue, OFF))
         ball = shapes.sphere(lamp.position_m, LAMP_M, shown)
-        label = shapes.label(lamp.id, shapes.above(lamp.position_m, ABOVE_M))
+        above = shapes.above(lamp.position_m, ABOVE_M)
+        label = shapes.label(lamp.id, above)
         name = f"lamp {lamp.id}"
-        entities.append(shapes.entity(name, now_ns, facts=facts, spheres=[ball], texts=[label]))
+        entity = shapes.entity(name, now_ns, facts=facts, spheres=[ball], texts=[label])
+        entities.append(entity)
     return entities
 
 
@@ -283,7 +288,8 @@ def bays(
         line, _ = lines.belts[bay.belt]
         end_m = line.point_at(line.length_m)
         text = "\n".join(rows)
-        label = shapes.label(text, shapes.above(end_m, 2.0 * ABOVE_M))
+        above = shapes.above(end_m, 2.0 * ABOVE_M)
+        label = shapes.label(text, above)
         facts = {"kind": "bay", "id": bay.id, "belt": bay.belt}
         entity = shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label])
         entities.append(entity)

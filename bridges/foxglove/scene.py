@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from foxglove.messages import (
+    FrameTransform,
     FrameTransforms,
     PointCloud,
     SceneEntityDeletion,
@@ -129,7 +130,9 @@ class FoxgloveScene:
             return self._pixels.cloud(now_ns)
         if part == "frames":
             poses = self._site.all(topics.POSE)
-            transforms = [people.transform(user, pose, now_ns) for user, pose in poses.items()]
+            transforms: list[FrameTransform] = []
+            for user, pose in poses.items():
+                transforms.append(people.transform(user, pose, now_ns))
             return FrameTransforms(transforms=transforms)
         return self._update(part, self._entities(part, now_ns), now_ns)
 
@@ -176,7 +179,8 @@ class FoxgloveScene:
         plans = self._site.all(topics.ROBOT_PLAN)
         entities: list[NamedEntity] = []
         for name, state in self._unexpired(topics.ROBOT_STATE).items():
-            entities.append(robot(name, state, plans.get(name), colors, now_ns))
+            plan = plans.get(name)
+            entities.append(robot(name, state, plan, colors, now_ns))
         for user, steering in self._site.all(topics.STEERING).items():
             if steering.waypoints_m:
                 rgb = colors.get(user, shapes.WHITE)

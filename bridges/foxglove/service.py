@@ -178,7 +178,8 @@ class Foxglove(Service[FoxgloveConfig]):
     def _on_service(self, instance: str, present: bool) -> None:
         if present:
             self._read_fast_topics()
-        lines = self._event_log.presence(instance, self.clock.now_ns(), present=present)
+        now_ns = self.clock.now_ns()
+        lines = self._event_log.presence(instance, now_ns, present=present)
         self._send_log(lines)
 
     def _on_viewer(self, topic: str, begins: bool) -> None:
@@ -202,7 +203,8 @@ class Foxglove(Service[FoxgloveConfig]):
         if self._server.viewers.of(LOG) == 1:
             self._send_log(tuple(self._event_log.history))
         else:
-            self._send_log(self._event_log.active_warnings(self.clock.now_ns()))
+            now_ns = self.clock.now_ns()
+            self._send_log(self._event_log.active_warnings(now_ns))
         self._schedule_frame()
 
     def _schedule_frame(self) -> None:

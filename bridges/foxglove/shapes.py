@@ -94,9 +94,10 @@ def line(
     alpha: float = 1.0,
 ) -> LinePrimitive:
     """Return a line, `pixels` of the screen thick."""
+    at_origin = pose((0.0, 0.0, 0.0))
     return LinePrimitive(
         type=_LINES[kind],
-        pose=pose((0.0, 0.0, 0.0)),
+        pose=at_origin,
         thickness=pixels,
         scale_invariant=True,
         points=points(places_m),
@@ -106,9 +107,11 @@ def line(
 
 def surface(places_m: Places, indices: Sequence[int], rgb: Rgb, alpha: float = 1.0) -> TriangleListPrimitive:
     """Return triangles between `places_m`, three of `indices` each."""
+    at_origin = pose((0.0, 0.0, 0.0))
+    corners = points(places_m.tolist())
     return TriangleListPrimitive(
-        pose=pose((0.0, 0.0, 0.0)),
-        points=points(places_m.tolist()),
+        pose=at_origin,
+        points=corners,
         color=color(rgb, alpha),
         indices=list(indices),
     )
@@ -126,9 +129,10 @@ def cylinder(
     """Return an upright cylinder on `foot_m`; its foot is `waist` times as wide."""
     x, y, z = foot_m
     center_m = (x, y, z + height_m / 2.0)
+    extents = size(diameter_m, diameter_m, height_m)
     return CylinderPrimitive(
         pose=pose(center_m),
-        size=size(diameter_m, diameter_m, height_m),
+        size=extents,
         bottom_scale=waist,
         top_scale=1.0,
         color=color(rgb, alpha),
@@ -141,9 +145,10 @@ def cylinder_between(start_m: Vec3, end_m: Vec3, diameter_m: float, rgb: Rgb) ->
     orientation = rotation.multiply(towards(step_m), _Z_TO_X)
     middle_m = vector.add(start_m, vector.scale(step_m, 0.5))
     length_m = vector.norm(step_m)
+    extents = size(diameter_m, diameter_m, length_m)
     return CylinderPrimitive(
         pose=pose(middle_m, orientation),
-        size=size(diameter_m, diameter_m, length_m),
+        size=extents,
         bottom_scale=1.0,
         top_scale=1.0,
         color=color(rgb),
@@ -157,8 +162,9 @@ def arrow(
     length_m = vector.norm(way_m)
     head_m = min(_HEAD_M, length_m / 2.0)
     head_width_m = max(_HEAD_WIDTH_M, 2.0 * width_m)
+    orientation = towards(way_m)
     return ArrowPrimitive(
-        pose=pose(start_m, towards(way_m)),
+        pose=pose(start_m, orientation),
         shaft_length=length_m - head_m,
         shaft_diameter=width_m,
         head_length=head_m,

@@ -110,8 +110,10 @@ class Scan:
 
     def complete(self, limit_m: float = COMPLETE_M) -> bool:
         """Return True if all strips and lamps are identified with sigma of at most `limit_m`."""
+        if self.missing:
+            return False
         scanned: list[ScannedStrip | ScannedLamp] = [*self.strips.values(), *self.lamps.values()]
-        return not self.missing and all(each.identified and each.sigma_m <= limit_m for each in scanned)
+        return all(light.identified and light.sigma_m <= limit_m for light in scanned)
 
     def placed(self, origin_m: Vec3, heading_rad: float) -> "Scan":
         """Return the scan in the room's frame {W}: z stays up.
@@ -128,53 +130,59 @@ class Scan:
     def moved(self, turn: Array, shift: Array) -> "Scan":
         """Return the scan with every point X at `turn` (3 x 3 rotation) X + `shift` (3)."""
 
-        def there(point: Vec3) -> Vec3:
+        def moved_point(point: Vec3) -> Vec3:
             return vec3(turn @ np.array(point) + shift)
 
-        def spread(covariance: Array) -> Array:
+        def turned_covariance(covariance: Array) -> Array:
             block = np.kron(np.eye(len(covariance) // 3), turn)
             return np.asarray(block @ covariance @ block.T)
 
-        return replace(
-            self,
-            cameras=tuple(
-                camera
-                and Camera(camera.rotation @ turn.T, camera.translation_m - camera.rotation @ turn.T @ shift)
-                for camera in self.cameras
-            ),
-            strips={
-                name: replace(
-                    each,
-                    line_m=tuple(there(point) for point in each.line_m),
-                    covariance=spread(each.covariance),
-                )
-                for name, each in self.strips.items()
-            },
-            lamps={
-                name: replace(each, position_m=there(each.position_m), covariance=spread(each.covariance))
-                for name, each in self.lamps.items()
-            },
-        )
+        # A camera sees the same: x = R X + t with the moved X gives R' = R turn^T and t' = t - R' shift.
+        cameras: list[Camera | None] = []
+        for camera in self.cameras:
+            if camera is None:
+                cameras.append(None)
+                continue
+            rotation = camera.rotation @ turn.T
+            cameras.append(Camera(rotation, camera.translation_m - rotation @ shift))
+
+        strips: dict[str, ScannedStrip] = {}
+        for name, strip in self.strips.items():
+            line_m = tuple(moved_point(point) for point in strip.line_m)
+            strips[name] = replace(strip, line_m=line_m, covariance=turned_covariance(strip.covariance))
+        lamps: dict[str, ScannedLamp] = {}
+        for name, lamp in self.lamps.items():
+            position_m = moved_point(lamp.position_m)
+            lamps[name] = replace(lamp, position_m=position_m, covariance=turned_covariance(lamp.covariance))
+        return replace(self, cameras=tuple(cameras), strips=strips, lamps=lamps)
 
 
 def map_text(scan: Scan, *, only_identified: bool = True) -> str:
     """Return the text of a map file: each strip and lamp with its sigma and its note."""
-    lamps = [each for each in scan.lamps.values() if each.identified or not only_identified]
-    strips = [each for each in scan.strips.values() if each.identified or not only_identified]
+    lamps = list(scan.lamps.values())
+    strips = list(scan.strips.values())
+    if only_identified:
+        lamps = [lamp for lamp in lamps if lamp.identified]
+        strips = [strip for strip in strips if strip.identified]
+
+    # How good it is, and from what.
+    photographs = sum(camera is not None for camera in scan.cameras)
     scale = "the known length" if scan.scale_from == "length" else "the pitch of the strips"
     level = "gravity" if scan.level_from == "gravity" else "the strips, most of which are level or upright"
     lines = [
-        f"# A room scanned from {sum(camera is not None for camera in scan.cameras)} photographs.",
+        f"# A room scanned from {photographs} photographs.",
         f"# Lengths: within {100 * scan.scale_sigma:.1f} %, from {scale}.",
         f"# Level: within {math.degrees(scan.level_sigma_rad):.1f} degrees, from {level}.",
     ]
-    lines += ["lamps:"] if lamps else []
+
+    if lamps:
+        lines.append("lamps:")
     for lamp in lamps:
         position = list(_rounded(lamp.position_m))
-        lines.append(
-            f"  {json.dumps(lamp.name)}: {{position: {position}}}  {_note(lamp.sigma_m, lamp.reason)}"
-        )
-    lines += ["strips:"] if strips else []
+        note = _note(lamp.sigma_m, lamp.reason)
+        lines.append(f"  {json.dumps(lamp.name)}: {{position: {position}}}  {note}")
+    if strips:
+        lines.append("strips:")
     for strip in strips:
         lines += [
             f"  {json.dumps(strip.name)}:  {_note(strip.sigma_m, strip.reason)}",
@@ -185,7 +193,8 @@ def map_text(scan: Scan, *, only_identified: bool = True) -> str:
 
 
 def _note(sigma_m: float, reason: str) -> str:
-    return f"# within {1000 * sigma_m:.0f} mm (1 sigma){'; ' + reason if reason else ''}"
+    note = f"# within {1000 * sigma_m:.0f} mm (1 sigma)"
+    return f"{note}; {reason}" if reason else note
 
 
 def _rounded(point: Vec3) -> Vec3:
@@ -200,14 +209,19 @@ def pointed_text(things: Mapping[str, Sequence[PointedAt]], kind: str) -> str:
         RefusedError: If the corners of a box, screen or table span none.
     """
     lines = [{"lamp": "lamps:", "box": "boxes:"}.get(kind, "planes:")]
-    for name, own in things.items():
-        corners = [each.position_m for each in own]
-        reason = next((each.reason for each in own if each.reason), "")
+    for name, pointed_corners in things.items():
+        corners = [corner.position_m for corner in pointed_corners]
         if kind == "lamp":
             entry: dict[str, object] = {"position": list(_rounded(corners[0]))}
+        elif kind == "box":
+            entry = box_of(corners).model_dump(mode="json", exclude_none=True)
         else:
-            entry = (box_of if kind == "box" else screen_of)(corners).model_dump(mode="json")
-        fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in entry.items() if value is not None)
-        note = _note(max(each.sigma_m for each in own), reason)
+            entry = screen_of(corners).model_dump(mode="json", exclude_none=True)
+        fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in entry.items())
+
+        # A thing is as good as its worst corner.
+        sigma_m = max(corner.sigma_m for corner in pointed_corners)
+        reasons = [corner.reason for corner in pointed_corners if corner.reason]
+        note = _note(sigma_m, reasons[0] if reasons else "")
         lines.append(f"  {json.dumps(name)}: {{{fields}}}  {note}")
     return "\n".join([*lines, ""])

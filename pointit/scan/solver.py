@@ -42,6 +42,8 @@ def scan_of(
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     state = refined.state
     seen = refined.seen
+
+    # Into a frame that is level and of the right size, with the lowest vertex at z = 0.
     turn, level_sigma, level_from = _level(refined)
     factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
     vertices, covariance, chain_of = refined.vertices([strip.count for strip in strips])
@@ -50,6 +52,8 @@ def scan_of(
     covariance = factor**2 * _beside_each_other(block @ covariance @ block.T, vertices)
     shift = np.array([0.0, 0.0, -vertices[:, 2].min()])
     vertices += shift
+
+    # A chain of vertices is a strip, or a single one is a lamp.
     found_strips: dict[str, ScannedStrip] = {}
     found_lamps: dict[str, ScannedLamp] = {}
     chains: list[int] = np.unique(chain_of).tolist()
@@ -66,18 +70,24 @@ def scan_of(
             found_lamps[name] = ScannedLamp(name, vec3(line[0]), sigma, views, not reason, reason, spread)
         else:
             found_strips[name] = _strip(refined, chain, strips, line, spread)
-    missing = tuple(spec.name for spec in specs if spec.name not in found_strips | found_lamps)
-    problems = [
-        f"view {view + 1} agrees with no other: move less between photographs, and hold still"
-        for view in range(len(seen.downs))
-        if view not in refined.views
-    ]
-    problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
+    found_names = found_strips.keys() | found_lamps.keys()
+    missing = tuple(spec.name for spec in specs if spec.name not in found_names)
+
+    problems: list[str] = []
+    for view in range(len(seen.downs)):
+        if view not in refined.views:
+            problems.append(
+                f"view {view + 1} agrees with no other: move less between photographs, and hold still"
+            )
+    for name in missing:
+        problems.append(f"{name!r} is not seen from two places: photograph it once more")
     if abs(math.log(factor)) > MAX_STRETCH:
+        larger = "larger" if factor > 1 else "smaller"
         problems.append(
-            f"the known length makes all pitches {abs(factor - 1.0):.0%} "
-            f"{'larger' if factor > 1 else 'smaller'} than given: measure it again, or correct the pitches"
+            f"the known length makes all pitches {abs(factor - 1.0):.0%} {larger} than given: measure it "
+            "again, or correct the pitches"
         )
+
     cameras: list[Camera | None] = [None] * len(seen.downs)
     for index, view in enumerate(refined.views):
         rotation = state.rotations[index] @ turn.T

@@ -84,12 +84,16 @@ class SightingArrays:
         """Return the sightings in `views`, of at most `MAX_MARKS` different pixels of each."""
         specs: list[StripSpec | LampSpec] = [*strips, *lamps]
         numbers = {spec.name: number for number, spec in enumerate(specs)}
-        rows = [
-            (index, numbers[seen.name], seen.pixel, seen.u - view.width / 2.0, seen.v - view.height / 2.0)
-            for index, view in enumerate(views)
-            for seen in view.sightings
-        ]
+        # Columns: view, chain, pixel, and the image about the picture's middle.
+        rows: list[tuple[float, ...]] = []
+        for index, view in enumerate(views):
+            for sighting in view.sightings:
+                u = sighting.u - view.width / 2.0
+                v = sighting.v - view.height / 2.0
+                rows.append((index, numbers[sighting.name], sighting.pixel, u, v))
         table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+
+        # Of a strip with many pixels, some at equal distances suffice.
         keep = np.ones(len(table), dtype=bool)
         for chain in range(len(strips)):
             pixels = np.unique(table[table[:, 1] == chain, 2])
@@ -97,6 +101,7 @@ class SightingArrays:
                 chosen = pixels[np.linspace(0, len(pixels) - 1, MAX_MARKS).astype(int)]
                 keep &= (table[:, 1] != chain) | np.isin(table[:, 2], chosen)
         table = table[keep]
+
         downs = np.array([view.gravity or (np.nan,) * 3 for view in views], dtype=np.float64)
         downs /= np.linalg.norm(downs, axis=1, keepdims=True)
         view, chain = table[:, :2].T.astype(np.intp)
@@ -129,29 +134,36 @@ def candidate_poses(
         tolerance: of an image.
         down: direction of gravity in the camera's frame, if that and the room's level are known.
     """
+    # Hypotheses: each pair of lines, and with gravity each single line.
     count = len(room)
-    sets: list[tuple[int, int]] = list(combinations(range(count), 2))
+    pairs: list[tuple[int, int]] = list(combinations(range(count), 2))
     if down is not None:
-        sets += [(each, each) for each in range(count)]
-    if not sets:
+        pairs += [(line, line) for line in range(count)]
+    if not pairs:
         return []
-    sets = sets[:: -(-len(sets) // MAX_CANDIDATE_PAIRS)]
-    members = np.zeros((len(sets), count))
-    for row, pair in enumerate(sets):
+    pairs = pairs[:: -(-len(pairs) // MAX_CANDIDATE_PAIRS)]
+    members = np.zeros((len(pairs), count))
+    for row, pair in enumerate(pairs):
         members[row, list(pair)] = 1.0
     rotations, translations = _rigid_motions(room, camera, members, down)
+
+    # The errors of all lines in each hypothesis; a line behind the camera is wrong.
     points = np.einsum("hij,nkj->hnki", rotations, room) + translations[:, None, None]
     depth = points[..., 2:]
-    error = np.linalg.norm(points[..., :2] / np.maximum(depth, 0.05) - images, axis=3).mean(axis=2)
-    error = np.where(np.min(depth[..., 0], axis=2) > 0.05, error, np.inf)
+    projected = points[..., :2] / np.maximum(depth, 0.05)
+    error = np.linalg.norm(projected - images, axis=3).mean(axis=2)
+    is_in_front = np.min(depth[..., 0], axis=2) > 0.05
+    error = np.where(is_in_front, error, np.inf)
     costs = np.minimum(error / tolerance, 1.0).sum(axis=1)
-    found: list[int] = []
+
+    # The best ones, each at a place of its own.
+    chosen: list[int] = []
     places = -np.einsum("hji,hj->hi", rotations, translations)
     for index in np.argsort(costs):
-        is_new = all(np.linalg.norm(places[index] - places[other]) > DISTINCT_M for other in found)
+        is_new = all(np.linalg.norm(places[index] - places[other]) > DISTINCT_M for other in chosen)
         if costs[index] < count and is_new:
-            found.append(int(index))
-    return [(rotations[index], translations[index]) for index in found[:MAX_POSES]]
+            chosen.append(int(index))
+    return [(rotations[index], translations[index]) for index in chosen[:MAX_POSES]]
 
 
 def _rigid_motions(room: Array, camera: Array, members: Array, down: Array | None) -> tuple[Array, Array]:
@@ -180,13 +192,18 @@ def levelled(directions: Array, lengths: Array, up: Array) -> Array:
         lengths: their lengths, m, n.
         up: rough direction of up, from the way in which the cameras were held, unit.
     """
-    candidates = [up, *directions, *(np.cross(a, b) for a, b in combinations(directions, 2))]
-    vectors = np.array([c / np.linalg.norm(c) for c in candidates if np.linalg.norm(c) > 0.1])
+    # Candidates for up: along a piece, or at right angles to two of them, not far from the rough direction.
+    normals = [np.cross(a, b) for a, b in combinations(directions, 2)]
+    candidates = [vector for vector in (up, *directions, *normals) if np.linalg.norm(vector) > 0.1]
+    vectors = np.array([vector / np.linalg.norm(vector) for vector in candidates])
     vectors *= np.where(vectors @ up < 0, -1.0, 1.0)[:, None]
     vectors = vectors[vectors @ up > np.cos(np.radians(50.0))]
-    rise = np.abs(np.einsum("ci,ni->cn", vectors, directions))
-    angle = np.minimum(np.arcsin(np.clip(rise, 0, 1)), np.arccos(np.clip(rise, 0, 1)))
-    scores = (lengths / (1.0 + (angle / np.radians(2.0)) ** 2)).sum(axis=1) + 1e-3 * (vectors @ up)
+
+    # The best one has the longest pieces that are level or upright, within 2° or so.
+    rise = np.clip(np.abs(np.einsum("ci,ni->cn", vectors, directions)), 0, 1)
+    angle = np.minimum(np.arcsin(rise), np.arccos(rise))
+    fits = lengths / (1.0 + (angle / np.radians(2.0)) ** 2)
+    scores = fits.sum(axis=1) + 1e-3 * (vectors @ up)
     return upright(vectors[int(np.argmax(scores))])
 
 
@@ -239,21 +256,31 @@ class FirstPoses:
 
     def best(self) -> PlacedViews | None:
         """Return the placement of as many views as possible, or None if no two views share enough."""
-        shared = {
-            pair: set(self._lines[pair[0]]) & set(self._lines[pair[1]])
-            for pair in combinations(range(len(self._lines)), 2)
-        }
-        pairs = sorted(shared, key=lambda pair: -sum(self._weight(pair, piece) for piece in shared[pair]))
-        begun = [
-            self._add(self._begin(base, focal * self._side_px), other)
-            for base, other in pairs[:PAIRS]
-            for focal in FOCALS
-        ]
-        grown = map(self._grown, sorted(filter(None, begun), key=_rank)[:STARTS])
-        return min(grown, key=lambda each: (-len(each.views), each.cost), default=None)
+        # Each of the pairs that share most, with each focal length, is a start.
+        pairs = list(combinations(range(len(self._lines)), 2))
+        pairs.sort(key=lambda pair: -self._shared_weight(*pair))
+        starts: list[PlacedViews] = []
+        for base, other in pairs[:PAIRS]:
+            for focal in FOCALS:
+                start = self._add(self._begin(base, focal * self._side_px), other)
+                if start is not None:
+                    starts.append(start)
 
-    def _weight(self, pair: tuple[int, int], piece: Piece) -> float:
-        return min(1.0, min(self._lines[view][piece].extent_px for view in pair) / (0.15 * self._side_px))
+        # The best starts grow, and the one with most views wins.
+        starts.sort(key=_rank)
+        grown = map(self._grown, starts[:STARTS])
+        return min(grown, key=lambda placed: (-len(placed.views), placed.cost), default=None)
+
+    def _shared_weight(self, base: int, other: int) -> float:
+        """Return how many pieces two views share; one that is small in a picture counts less."""
+        base_lines = self._lines[base]
+        other_lines = self._lines[other]
+        full_px = 0.15 * self._side_px
+        weights: list[float] = []
+        for piece in set(base_lines) & set(other_lines):
+            extent_px = min(base_lines[piece].extent_px, other_lines[piece].extent_px)
+            weights.append(min(1.0, extent_px / full_px))
+        return sum(weights)
 
     def _begin(self, base: int, focal_px: float) -> PlacedViews:
         down = self._downs[base]
@@ -272,10 +299,12 @@ class FirstPoses:
         for piece in sorted(set[Piece]().union(*views) - set(pieces)):
             having = [index for index, lines in enumerate(views) if piece in lines]
             index = max(having, key=lambda index: views[index][piece].extent_px)
-            there = self._in_camera(state, views[index][piece], piece, np.array(self._bounds[piece]))
-            ends.append((there - state.translations[index]) @ state.rotations[index])
+            line = views[index][piece]
+            in_camera = self._in_camera(state, line, piece, np.array(self._bounds[piece]))
+            ends.append((in_camera - state.translations[index]) @ state.rotations[index])
             pieces.append(piece)
-        return PlacedViews(placed.views, pieces, replace(state, ends=np.array(ends).reshape(-1, 2, 3)))
+        with_ends = replace(state, ends=np.array(ends).reshape(-1, 2, 3))
+        return PlacedViews(placed.views, pieces, with_ends)
 
     def _in_camera(self, state: BundleState, line: ImageLine, piece: Piece, pixels: Array) -> Array:
         return line.in_camera(float(np.exp(state.log_focal)), self._pitches_m[piece[0]], pixels)
@@ -286,19 +315,24 @@ class FirstPoses:
         room: list[Array] = []
         camera: list[Array] = []
         images: list[Array] = []
+        # Three points of each piece that it sees: in the room, before the camera, and in the picture.
         for piece, (first, last) in zip(placed.pieces, state.ends, strict=True):
             line = self._lines[view].get(piece)
-            if line is not None:
-                low, high = self._bounds[piece]
-                pixels: Array = np.linspace(float(line.pixels.min()), float(line.pixels.max()), 3)
-                room.append(first + ((pixels - low) / (high - low))[:, None] * (last - first))
-                camera.append(self._in_camera(state, line, piece, pixels))
-                images.append(line.at(pixels))
+            if line is None:
+                continue
+            low, high = self._bounds[piece]
+            pixels: Array = np.linspace(float(line.pixels.min()), float(line.pixels.max()), 3)
+            shares = (pixels - low) / (high - low)
+            room.append(first + shares[:, None] * (last - first))
+            camera.append(self._in_camera(state, line, piece, pixels))
+            images.append(line.at(pixels))
         if not room:
             return None
-        down = self._downs[view]
-        is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        placements: list[PlacedViews] = []
+
+        # Gravity helps if this view and one of the placed views know it.
+        down: Array | None = self._downs[view]
+        placed_downs = self._downs[placed.views]
+        is_level = bool(np.isfinite(self._downs[view][0]) and np.isfinite(placed_downs[:, 0]).any())
         focal = float(np.exp(state.log_focal))
         poses = candidate_poses(
             np.array(room),
@@ -307,6 +341,9 @@ class FirstPoses:
             COARSE * self._side_px / focal,
             down if is_level else None,
         )
+
+        # Each pose is adjusted with its pieces, and the best is taken if it hangs together.
+        placements: list[PlacedViews] = []
         for rotation, translation in poses:
             start = replace(
                 state,
@@ -316,21 +353,23 @@ class FirstPoses:
             placement = self._with_pieces(PlacedViews([*placed.views, view], placed.pieces, start))
             placements.append(self._adjusted(placement))
         best = min(placements, key=_rank, default=None)
-        return best if best and self._is_tied(best) else None
+        if best is None or not self._is_tied(best):
+            return None
+        return best
 
     def _grown(self, placed: PlacedViews) -> PlacedViews:
         """Return `placed` with all further views that agree, those that share the most pieces first."""
         refused: set[int] = set()
         limit = WORSE * placed.cost + 0.2
         while True:
-            waiting = [
-                (len(set(placed.pieces) & set(lines)), view)
-                for view, lines in enumerate(self._lines)
-                if view not in placed.views and view not in refused
-            ]
+            waiting: list[tuple[int, int]] = []
+            for view, lines in enumerate(self._lines):
+                if view not in placed.views and view not in refused:
+                    shared_count = len(set(placed.pieces) & set(lines))
+                    waiting.append((shared_count, view))
             if not waiting:
                 return placed
-            view = max(waiting)[1]
+            _, view = max(waiting)
             grown = self._add(placed, view)
             if grown is None or grown.cost > limit:
                 refused.add(view)
@@ -339,26 +378,28 @@ class FirstPoses:
                 refused = set()
 
     def _adjusted(self, placed: PlacedViews) -> PlacedViews:
+        """Return `placed` adjusted to its sightings, with its ties and its cost."""
         bundle = self._bundle(placed)
-        state = bundle.solve(bundle.solve(placed.state, 10, WIDE_PX), 5, NARROW_PX)
+        coarse = bundle.solve(placed.state, 10, WIDE_PX)
+        state = bundle.solve(coarse, 5, NARROW_PX)
         errors = np.linalg.norm(bundle.errors(state), axis=1)
-        is_good = (errors < GOOD_PX) & (np.abs(bundle.stretch(state)[bundle.piece]) < MAX_STRETCH)
-        table = np.zeros((len(placed.views), len(placed.pieces)))
-        goods = table.copy()
-        np.add.at(table, (bundle.view, bundle.piece), 1.0)
-        np.add.at(goods, (bundle.view, bundle.piece), is_good)
-        shared = (table > 0).sum(axis=0) > 1
-        holds = (goods > MAX_PAIRS * table) & shared
-        holds &= holds.sum(axis=0) > 1
-        held: Array = errors[holds[bundle.view, bundle.piece] & is_good]
-        rows: list[list[bool]] = holds.tolist()
-        return PlacedViews(
-            placed.views,
-            placed.pieces,
-            state,
-            tuple(tuple(compress(placed.pieces, row)) for row in rows),
-            float(np.mean(held**2)) if len(held) else np.inf,
-        )
+        stretches = np.abs(bundle.stretch(state)[bundle.piece])
+        is_good = (errors < GOOD_PX) & (stretches < MAX_STRETCH)
+
+        # A piece ties a view, views x pieces, if most of its sightings there are good, and so in another one.
+        counts = np.zeros((len(placed.views), len(placed.pieces)))
+        good_counts = counts.copy()
+        np.add.at(counts, (bundle.view, bundle.piece), 1.0)
+        np.add.at(good_counts, (bundle.view, bundle.piece), is_good)
+        is_shared = (counts > 0).sum(axis=0) > 1
+        is_tie = (good_counts > MAX_PAIRS * counts) & is_shared
+        is_tie &= is_tie.sum(axis=0) > 1
+        tie_rows: list[list[bool]] = is_tie.tolist()
+        ties = tuple(tuple(compress(placed.pieces, row)) for row in tie_rows)
+
+        tie_errors: Array = errors[is_tie[bundle.view, bundle.piece] & is_good]
+        cost = float(np.mean(tie_errors**2)) if len(tie_errors) else np.inf
+        return PlacedViews(placed.views, placed.pieces, state, ties, cost)
 
     def _is_tied(self, placed: PlacedViews) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
@@ -366,32 +407,42 @@ class FirstPoses:
         own = self._lines[placed.views[-1]]
         others = [self._lines[view] for view in placed.views[:-1]]
         shown = [piece for piece in own if any(piece in lines for lines in others)]
-        firm = [
-            piece
-            for piece in ties
-            if min(len(own[piece].pixels), max(len(x[piece].pixels) for x in others if piece in x))
-            >= MIN_TIES
-        ]
-        return len(firm) > 1 and len(ties) >= MAX_LINES * len(shown) and not _is_from_behind(placed)
+        if len(ties) < MAX_LINES * len(shown):
+            return False
+
+        # Two ties with many pixels, here and in another view.
+        firm_count = 0
+        for piece in ties:
+            most_pixels = max(len(lines[piece].pixels) for lines in others if piece in lines)
+            if min(len(own[piece].pixels), most_pixels) >= MIN_TIES:
+                firm_count += 1
+        return firm_count > 1 and not _is_from_behind(placed)
 
     def _bundle(self, placed: PlacedViews) -> BundleProblem:
-        parts = [
-            (index, number, self._lines[view][piece])
-            for index, view in enumerate(placed.views)
-            for number, piece in enumerate(placed.pieces)
-            if piece in self._lines[view]
-        ]
-        sizes = [len(line.pixels) for _, _, line in parts]
+        """Return the adjustment of all sightings of placed pieces in placed views."""
+        indices: list[int] = []
+        numbers: list[int] = []
+        lines: list[ImageLine] = []
+        for index, view in enumerate(placed.views):
+            for number, piece in enumerate(placed.pieces):
+                line = self._lines[view].get(piece)
+                if line is not None:
+                    indices.append(index)
+                    numbers.append(number)
+                    lines.append(line)
+
+        sizes = [len(line.pixels) for line in lines]
         bounds = np.array([self._bounds[piece] for piece in placed.pieces])
         spans = bounds[:, 1] - bounds[:, 0]
-        piece = np.repeat([number for _, number, _ in parts], sizes)
-        pixel = np.concatenate([line.pixels for _, _, line in parts])
+        pieces = np.repeat(numbers, sizes)
+        pixels = np.concatenate([line.pixels for line in lines])
+        pitches_m = [self._pitches_m[strip] for strip, _ in placed.pieces]
         return BundleProblem(
-            view=np.repeat([index for index, _, _ in parts], sizes),
-            piece=piece,
-            share=(pixel - bounds[piece, 0]) / spans[piece],
-            uv=np.concatenate([line.uv for _, _, line in parts]),
-            log_length=np.log(spans * [self._pitches_m[strip] for strip, _ in placed.pieces]),
+            view=np.repeat(indices, sizes),
+            piece=pieces,
+            share=(pixels - bounds[pieces, 0]) / spans[pieces],
+            uv=np.concatenate([line.uv for line in lines]),
+            log_length=np.log(spans * pitches_m),
             length_sigma=np.full(len(spans), PITCH_SIGMA),
             down=self._downs[placed.views],
             log_focal=self._log_focal,
@@ -417,5 +468,8 @@ def _is_from_behind(placed: PlacedViews) -> bool:
         return False
     cameras = -np.einsum("vji,vj->vi", state.rotations, state.translations)
     sides = (cameras - middle) @ axes[2]
-    others = [sides[index] for index, ties in enumerate(placed.ties[:-1]) if set(ties) & set(placed.ties[-1])]
-    return any(side * sides[-1] < 0 for side in others)
+    last_ties = set(placed.ties[-1])
+    for index, ties in enumerate(placed.ties[:-1]):
+        if last_ties.intersection(ties) and sides[index] * sides[-1] < 0:
+            return True
+    return False

@@ -110,12 +110,16 @@ def scan_of(
 def _level(refined: Refined) -> tuple[Array, float, str]:
     """Return the rotation into a level frame, its standard deviation per axis, rad, and its source."""
     state = refined.state
+
+    # The adjustment has levelled the frame by gravity already: what is left is its error.
     down = refined.bundle.down
-    known = np.isfinite(down[:, 0])
-    if known.any():
-        sunk: Array = np.einsum("vij,vi->vj", state.rotations[known], down[known])[:, :2]
-        rms = max(float(np.sqrt(np.mean(sunk**2))), GRAVITY_SIGMA / 2.0)
-        return np.eye(3), rms / math.sqrt(known.sum()), "gravity"
+    has_gravity = np.isfinite(down[:, 0])
+    if has_gravity.any():
+        level_parts: Array = np.einsum("vij,vi->vj", state.rotations[has_gravity], down[has_gravity])[:, :2]
+        rms = max(float(np.sqrt(np.mean(level_parts**2))), GRAVITY_SIGMA / 2.0)
+        return np.eye(3), rms / math.sqrt(has_gravity.sum()), "gravity"
+
+    # Without it, most strips are level or upright.
     ends = state.ends[refined.model.chain < refined.seen.strips]
     edges = ends[:, 1] - ends[:, 0]
     lengths = np.linalg.norm(edges, axis=1)
@@ -140,12 +144,13 @@ def _scale(
             raise ConfigError(f"the known length is at {mark.name!r}, which the views do not determine")
         points.append(refined.places(chain, np.array([float(mark.pixel)]))[0])
     measured_m = float(np.linalg.norm(points[1] - points[0]))
-    if not 1.0 / MAX_RATIO < known.metres / measured_m < MAX_RATIO:
+    factor = known.metres / measured_m
+    if not 1.0 / MAX_RATIO < factor < MAX_RATIO:
         raise ConfigError(
             f"the known length of {known.metres:g} m is {measured_m:.3g} m by the pitches: measure it again, "
             "or correct the pitches"
         )
-    return known.metres / measured_m, math.hypot(known.sigma_m / known.metres, 0.001), "length"
+    return factor, math.hypot(known.sigma_m / known.metres, 0.001), "length"
 
 
 def _beside_each_other(covariance: Array, vertices: Array) -> Array:
@@ -153,14 +158,18 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
 
     Badly determined vertices count less for that reference (an S-transformation, weighted).
     """
+    # Movements of all vertices together that change no distance between them but by scale.
     centred = vertices - vertices.mean(axis=0)
-    gauge = np.zeros((len(vertices), 3, 7))
-    gauge[:, :, :3] = np.eye(3)
     x, y, z = centred.T
     zero = np.zeros_like(x)
-    gauge[:, :, 3:6] = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
+    rotations = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]])
+    gauge = np.zeros((len(vertices), 3, 7))
+    gauge[:, :, :3] = np.eye(3)
+    gauge[:, :, 3:6] = rotations.transpose(2, 0, 1)
     gauge[:, :, 6] = centred
     flat = gauge.reshape(-1, 7)
+
+    # The weights follow from the result, and the result from the weights: three rounds suffice.
     weights = np.ones(len(vertices))
     result = covariance
     for _ in range(3):
@@ -177,13 +186,16 @@ def _sigma(covariance: Array, views: int) -> float:
     """Return the largest standard deviation of a vertex; few views hardly notice their outliers."""
     blocks = [covariance[row : row + 3, row : row + 3] for row in range(0, len(covariance), 3)]
     largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in blocks)
-    return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), MIN_SIGMA_M)
+    few_views = 1.0 + 2.0 / max(views - 1, 1)
+    sigma_m = math.sqrt(max(largest, 0.0) * few_views)
+    return math.hypot(sigma_m, MIN_SIGMA_M)
 
 
 def _views_of(refined: Refined, chain: int) -> list[int]:
     """Return the views, as numbers in the state, that count for a chain."""
     min_sightings = MIN_SIGHTINGS if chain < refined.seen.strips else 1
-    counts = np.bincount(refined.seen.view[refined.used & (refined.seen.chain == chain)], minlength=64)
+    own = refined.used & (refined.seen.chain == chain)
+    counts = np.bincount(refined.seen.view[own], minlength=64)
     return [index for index, view in enumerate(refined.views) if counts[view] >= min_sightings]
 
 
@@ -196,7 +208,9 @@ def _uncertainty_reason(refined: Refined, chain: int, sigma_m: float) -> str:
     middle = ends.mean(axis=(0, 1)) if chain < refined.seen.strips else ends[0, 0]
     sights = middle - refined.cameras[views]
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
-    if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < MIN_PARALLAX_RAD:
+    cosines = sights @ sights.T
+    parallax_rad = np.arccos(np.clip(cosines.min(), -1.0, 1.0))
+    if parallax_rad < MIN_PARALLAX_RAD:
         return "seen from one direction only: photograph it from a step further aside"
     if sigma_m > MAX_SIGMA_M:
         return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
@@ -208,14 +222,23 @@ def _unseen(refined: Refined, chain: int, count: int) -> tuple[float, float]:
 
     It is an end of the strip, or a straight piece.
     """
+    # Its pixels in each view that shows it.
     own = refined.used & (refined.seen.chain == chain)
     shown = [refined.seen.pixel[own & (refined.seen.view == view)] for view in refined.views]
-    firsts = sorted(p.min() for p in shown if len(p))
-    lasts = sorted(p.max() for p in shown if len(p))
-    parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
+    shown = [pixels for pixels in shown if len(pixels)]
+
+    # Its ends: before the second first pixel, and behind the last but one.
+    parts: list[tuple[float, float]] = []
+    if len(shown) > 1:
+        firsts = sorted(pixels.min() for pixels in shown)
+        lasts = sorted(pixels.max() for pixels in shown)
+        parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)]
+
+    # Its straight pieces.
     inner: list[float] = refined.model.bounds[refined.model.chain == chain][:-1, 1].tolist()
     for low, high in pairwise([-0.5, *inner, count - 0.5]):
-        if sum(((p > low) & (p < high)).sum() >= MIN_SIGHTINGS for p in shown) < 2:
+        counts = [((pixels > low) & (pixels < high)).sum() for pixels in shown]
+        if sum(number >= MIN_SIGHTINGS for number in counts) < 2:
             parts.append((low + 0.5, high - 0.5))
     return max(parts, key=lambda part: part[1] - part[0])
 
@@ -223,29 +246,31 @@ def _unseen(refined: Refined, chain: int, count: int) -> tuple[float, float]:
 def _strip(
     refined: Refined, chain: int, strips: Sequence[StripSpec], line: Array, covariance: Array
 ) -> ScannedStrip:
+    """Return a strip of which `line` are the vertices. The first reason that is found is given."""
     spec = strips[chain]
     views = len(_views_of(refined, chain))
-    pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
+    length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    pitch_m = length_m / spec.count
     sigma_m = _sigma(covariance, views)
     reason = _uncertainty_reason(refined, chain, sigma_m)
-    alike = [
-        other
-        for other in strips
-        if other is not spec and other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
-    ]
+    alike = [other for other in strips if other is not spec and _has_pitch(other, pitch_m)]
+
+    # A part that was never seen makes it less certain. If it is the end, another strip may end there.
     low, high = _unseen(refined, chain, spec.count)
-    gap = WIDEST_GAP * spec.count
     if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
         sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
-        ends_there = [
-            other for other in alike if high == spec.count - 1.0 and 0.0 <= other.count - low <= gap
-        ]
+        ends_there: list[StripSpec] = []
+        if high == spec.count - 1.0:
+            gap = WIDEST_GAP * spec.count
+            ends_there = [other for other in alike if 0.0 <= other.count - low <= gap]
         reason = reason or (
             f"no two views show pixels {low:.0f} to {high:.0f}: photograph that part, or correct its count"
             f"{_swapped(ends_there)}"
         )
-    stretch = np.abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max()
-    if spec.pitch_m is not None and stretch > MAX_STRETCH:
+
+    # Its pitch against the stated one.
+    stretches = refined.bundle.stretch(refined.state)[refined.model.chain == chain]
+    if spec.pitch_m is not None and np.abs(stretches).max() > MAX_STRETCH:
         reason = reason or (
             f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
             f"correct its pitch{_swapped(alike)}"
@@ -254,6 +279,11 @@ def _strip(
     return ScannedStrip(
         spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
     )
+
+
+def _has_pitch(strip: StripSpec, pitch_m: float) -> bool:
+    """Return True if a strip is said to have about this pitch."""
+    return bool(strip.pitch_m) and abs(math.log(strip.pitch_m / pitch_m)) < MAX_STRETCH
 
 
 def _swapped(others: Sequence[StripSpec]) -> str:
@@ -287,6 +317,8 @@ def solve(
     pitches = {number: strip.pitch_m for number, strip in enumerate(strips) if strip.pitch_m is not None}
     if not pitches:
         raise ScanError("no strip has a pitch (pixels a metre): without one there is no beginning, give it")
+
+    # Straight pieces of strips, and their lines in each view.
     rng = np.random.default_rng(0)
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
     seen = SightingArrays.of(strips, lamps, views)
@@ -294,18 +326,23 @@ def solve(
     for number, strip in enumerate(strips):
         shown = [seen.of_chain(number, view) for view in range(len(views))]
         knots = [-0.5, *corners(shown, strip.count, rng), strip.count - 0.5]
-        bounds |= {(number, index): pair for index, pair in enumerate(pairwise(knots))}
+        for index, pair in enumerate(pairwise(knots)):
+            bounds[number, index] = pair
     lines = [_lines_of(seen, view, bounds, rng) for view in range(len(views))]
     if not any(lines):
         raise ScanError("no view shows a strip's pixels in a row: is it a picture of blinking strips?")
-    known = [{piece: line for piece, line in each.items() if piece[0] in pitches} for each in lines]
-    placed = FirstPoses(seen, known, bounds, pitches).best()
+
+    # First poses from strips of known pitch, then the adjustment of everything.
+    known_lines: list[dict[Piece, ImageLine]] = []
+    for view_lines in lines:
+        known_lines.append({piece: line for piece, line in view_lines.items() if piece[0] in pitches})
+    placed = FirstPoses(seen, known_lines, bounds, pitches).best()
     if placed is None:
         raise ScanError(
             "no two views agree on two strips: take photographs that show the same strips, a step apart"
         )
-    found = refined(seen, specs, placed, bounds, lines)
-    return scan_of(found, strips, lamps, known_length)
+    adjustment = refined(seen, specs, placed, bounds, lines)
+    return scan_of(adjustment, strips, lamps, known_length)
 
 
 def _lines_of(

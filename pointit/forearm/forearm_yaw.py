@@ -118,63 +118,83 @@ class YawStep(NamedTuple):
 def solve_lasting(linearization: Linearization) -> YawStep | None:
     """Return the correction of the estimate, or None if the turns are too few or only noise."""
     # Weighted means of blocks: of columns, residuals and times
-    starts = np.flatnonzero(np.diff(linearization.stamps_ns // BLOCK_NS, prepend=-1))
+    blocks = linearization.stamps_ns // BLOCK_NS
+    starts = np.flatnonzero(np.diff(blocks, prepend=-1))
     count = len(starts)
     if count < MIN_BLOCKS:
         return None
     weights = linearization.weights[:, None]
     ages_s = (linearization.stamps_ns - linearization.stamps_ns[-1]) / NS_PER_S
-    flat_columns = linearization.columns.reshape(len(ages_s), -1)
+    samples = len(ages_s)
+    flat_columns = linearization.columns.reshape(samples, -1)
     values = np.column_stack([flat_columns, linearization.residuals, ages_s])
+    sums = np.add.reduceat(values * weights, starts)
     sizes = np.add.reduceat(linearization.weights, starts)
-    means = np.add.reduceat(values * weights, starts) / sizes[:, None]
+    means = sums / sizes[:, None]
 
     # Variance of the white noise, from that inside the blocks
-    block_of = np.repeat(np.arange(count), np.diff(starts, append=len(ages_s)))
-    squares = (linearization.residuals - means[block_of, -4:-1]) ** 2
-    freedom = 3 * max(1, len(ages_s) - count)
-    white = max(MIN_WHITE_RAD**2, float((weights * squares).sum()) / freedom)
+    block_samples = np.diff(starts, append=samples)
+    block_of = np.repeat(np.arange(count), block_samples)
+    mean_residuals = means[block_of, -4:-1]
+    squares = (linearization.residuals - mean_residuals) ** 2
+    freedom = 3 * max(1, samples - count)
+    square_sum = float((weights * squares).sum())
+    white = max(MIN_WHITE_RAD**2, square_sum / freedom)
 
     # Generalized least squares for each size and duration of the lasting error
-    apart_s = np.abs(means[:, -1, None] - means[None, :, -1])
+    mean_ages_s = means[:, -1]
+    apart_s = np.abs(mean_ages_s[:, None] - mean_ages_s[None, :])
+    precision = linearization.precision
     steps = list[Array]()
     variances = list[float]()
     scores = list[float]()
     for sigma_rad, time_s in LASTING_ERRORS:
-        covariance = np.diag(white / sizes) + sigma_rad**2 * np.exp(-apart_s / time_s)
+        lasting = sigma_rad**2 * np.exp(-apart_s / time_s)
+        covariance = np.diag(white / sizes) + lasting
         root = np.linalg.cholesky(covariance)
         whitened = solve_triangular(root, means[:, :-1], lower=True, check_finite=False)
         matrix = whitened[:, :-3].reshape(3 * count, -1)
         residuals = whitened[:, -3:].ravel()
-        information = matrix.T @ matrix + linearization.precision
+        information = matrix.T @ matrix + precision
         try:
             inverse = np.linalg.inv(information)
         except np.linalg.LinAlgError:  # level turns without any noise, of simulations: the yaw does not show
             return None
-        gradient = matrix.T @ residuals - linearization.precision @ linearization.offset
-        step = inverse @ gradient
+        prior_gradient = precision @ linearization.offset
+        step = inverse @ (matrix.T @ residuals - prior_gradient)
         steps.append(step)
 
         # Restricted log-likelihood, up to a constant
         remaining = residuals - matrix @ step
         offset = linearization.offset + step
-        misfit = float(remaining @ remaining) + float(offset @ linearization.precision @ offset)
+        misfit = float(remaining @ remaining) + float(offset @ precision @ offset)
+        log_root = float(np.log(np.diag(root)).sum())
         _, log_det = np.linalg.slogdet(information)
-        log_volume = 6.0 * float(np.log(np.diag(root)).sum()) + float(log_det)
+        log_volume = 6.0 * log_root + float(log_det)
         scores.append(-0.5 * (misfit + log_volume))
 
         # Noise of the turns themselves shows no yaw
         yaw_information = 1.0 / float(inverse[0, 0]) - 2.0 * count
         variances.append(1.0 / yaw_information if yaw_information > 0.0 else math.inf)
 
-    # Mean over those that are probable. The variance includes the spread of their yaws.
+    return _average_step(steps, variances, scores)
+
+
+def _average_step(
+    steps: Sequence[Array], variances: Sequence[float], scores: Sequence[float]
+) -> YawStep | None:
+    """Return the mean of the probable `steps` by their log-likelihoods `scores`, None if it is unknown.
+
+    The variance includes the spread of their yaws.
+    """
     likelihoods = np.exp(np.array(scores) - max(scores))
     is_likely = likelihoods > MIN_PROBABILITY * likelihoods.sum()
     shares = likelihoods[is_likely] / likelihoods[is_likely].sum()
     likely_steps = np.array(steps)[is_likely]
     mean_step = shares @ likely_steps
     spreads = (likely_steps[:, 0] - mean_step[0]) ** 2
-    variance = MIN_SIGMA_RAD**2 + float(shares @ (np.array(variances)[is_likely] + spreads))
+    likely_variances = np.array(variances)[is_likely]
+    variance = MIN_SIGMA_RAD**2 + float(shares @ (likely_variances + spreads))
     return YawStep(mean_step, variance) if math.isfinite(variance) else None
 
 
@@ -192,7 +212,8 @@ class ForearmYawEstimate:
     def aged(self, now_ns: int) -> "ForearmYawEstimate":
         """Return the estimate with its uncertainty at `now_ns`."""
         drift_rad = DRIFT_RADPS * max(0, now_ns - self.stamp_ns) / NS_PER_S
-        return ForearmYawEstimate(self.yaw_rad, math.hypot(self.sigma_rad, drift_rad), now_ns, self.delay_s)
+        sigma_rad = math.hypot(self.sigma_rad, drift_rad)
+        return ForearmYawEstimate(self.yaw_rad, sigma_rad, now_ns, self.delay_s)
 
 
 @dataclass(frozen=True)
@@ -286,9 +307,11 @@ class ForearmYaw:
         while self._pairs and now_ns - self._pairs[0].stamp_ns > MAX_AGE_NS:
             self._pairs.popleft()
         self._end_contradicted()
-        if len(self._pairs) >= MIN_PAIRS and self._pairs[-1].stamp_ns - self._solved_ns >= SOLVE_PERIOD_NS:
-            self._solved_ns = self._pairs[-1].stamp_ns
-            self._update_estimate(_solve(list(self._pairs)))
+        if len(self._pairs) >= MIN_PAIRS:
+            newest_ns = self._pairs[-1].stamp_ns
+            if newest_ns - self._solved_ns >= SOLVE_PERIOD_NS:
+                self._solved_ns = newest_ns
+                self._update_estimate(_solve(list(self._pairs)))
         estimate = self._estimate and self._estimate.aged(now_ns)
         if estimate is None or self._level_rad <= SWITCH_SIGMAS * estimate.sigma_rad:
             return estimate
@@ -328,7 +351,8 @@ class ForearmYaw:
         squares = (residuals**2).mean(axis=1)
         limit = MAX_NOISE_RAD**2 + estimate.sigma_rad**2
         if float(np.median(squares)) > limit:
-            turned_deg = math.degrees(float(np.median(np.linalg.norm(residuals, axis=1))))
+            turns_rad = np.linalg.norm(residuals, axis=1)
+            turned_deg = math.degrees(float(np.median(turns_rad)))
             self._pairs.clear()
             newest.clear()
             self._estimate = self._mount_rotation = None
@@ -410,10 +434,15 @@ class _Turns(NamedTuple):
 
     def residuals(self, yaw_rad: float, mount_rotation: Rotation, delay_s: float) -> Array:
         """Return the turns (n x 3) in {W} by which the bodies differ from an estimate, rad."""
-        turned_arms = Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * self.arm_rotations
+        turned_arms = _about_z(yaw_rad) * self.arm_rotations
         expected_bodies = turned_arms * mount_rotation
         differences = (self.body_rotations * expected_bodies.inv()).as_rotvec()
         return np.asarray(differences - delay_s * self.rates)
+
+
+def _about_z(angle_rad: float) -> Rotation:
+    """Return the rotation about z."""
+    return Rotation.from_rotvec((0.0, 0.0, angle_rad))
 
 
 class _Fit(NamedTuple):
@@ -438,11 +467,11 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
     # Start: yaw, turn of the mount (3), delay, drift of the yaw; and the mount that fits on average
     parameters = np.zeros(6)
     parameters[0] = _first_yaw(arms, bodies)
-    turned_arms = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
+    turned_arms = _about_z(parameters[0]) * arms
     mount = (turned_arms.inv() * bodies).mean()
 
     def linearize() -> Linearization:
-        turned = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
+        turned = _about_z(parameters[0]) * arms
         residuals = turns.residuals(parameters[0], mount, parameters[4])
         residuals[:, 2] -= parameters[5] * columns[:, 2, 5]
         columns[:, :, 1:4] = turned.as_matrix()
@@ -467,18 +496,22 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
     if result is None:
         return None
     parameters += result.parameters
+    mount = Rotation.from_rotvec(result.parameters[1:4]) * mount
     yaw_rad = math.remainder(float(parameters[0]), math.tau)
     sigma_rad = math.sqrt(result.variance)
-    estimate = ForearmYawEstimate(yaw_rad, sigma_rad, pairs[-1].stamp_ns, float(parameters[4]))
-    return _Fit(estimate, Rotation.from_rotvec(result.parameters[1:4]) * mount)
+    delay_s = float(parameters[4])
+    estimate = ForearmYawEstimate(yaw_rad, sigma_rad, pairs[-1].stamp_ns, delay_s)
+    return _Fit(estimate, mount)
 
 
 def _white_step(linearization: Linearization) -> Array:
     """Return the correction of the parameters as if all errors were independent."""
     matrix = linearization.columns.reshape(-1, 6)
-    weighted = matrix * np.repeat(linearization.weights, 3)[:, None]
-    information = weighted.T @ matrix + NOISE_RAD**2 * PRECISION
-    prior_gradient = NOISE_RAD**2 * PRECISION @ linearization.offset
+    weights = np.repeat(linearization.weights, 3)
+    weighted = matrix * weights[:, None]
+    precision = NOISE_RAD**2 * PRECISION
+    information = weighted.T @ matrix + precision
+    prior_gradient = precision @ linearization.offset
     gradient = weighted.T @ linearization.residuals.ravel() - prior_gradient
     solution, *_ = np.linalg.lstsq(information, gradient, rcond=None)  # yaw and mount may be undetermined
     return solution.astype(np.float64)
@@ -496,6 +529,8 @@ def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:
     b = (body_rotations[second] * body_rotations[first].inv()).as_rotvec()
 
     # Yaw that turns the level parts of one into those of the other, by least squares
-    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    ax, ay, _ = a.T
+    bx, by, _ = b.T
+    cross = float((ax * by - ay * bx).sum())
     dot = float((a[:, :2] * b[:, :2]).sum())
     return math.atan2(cross, dot)

@@ -306,7 +306,7 @@ def _lane_references(data: Data) -> Iterator[tuple[Data, str]]:
 def _flow(value: Any) -> str:
     """Return `value` as YAML on one line."""
     if isinstance(value, dict):
-        pairs = [f"{_key(key)}: {_flow(item)}" for key, item in cast("Data", value).items()]
+        pairs = [_pair(key, item) for key, item in cast("Data", value).items()]
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, list):
         items = [_flow(item) for item in cast("Sequence[Any]", value)]
@@ -316,6 +316,11 @@ def _flow(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.{DIGITS}f}".rstrip("0").rstrip(".")
     return json.dumps(value)
+
+
+def _pair(name: str, value: Any) -> str:
+    """Return key and value of a mapping as YAML on one line."""
+    return f"{_key(name)}: {_flow(value)}"
 
 
 def _key(name: str) -> str:
@@ -368,7 +373,7 @@ class _Document:
 
     def _block(self, entries: Data) -> str:
         """Return the entries of a section, each on a line that begins with its end."""
-        lines = [f"{self._newline}  {_key(name)}: {_flow(value)}" for name, value in entries.items()]
+        lines = [f"{self._newline}  {_pair(name, value)}" for name, value in entries.items()]
         return "".join(lines)
 
     def _node(self, key: Any, node: Any, value: Any, names: Mapping[str, str]) -> Iterator[_Splice]:
@@ -401,7 +406,7 @@ class _Document:
                 yield _Splice(self._at(key.start_mark), self._at(key.end_mark), _key(name))
             yield from self._node(key, value_node, value[name], {})
         removed = [name not in value for name in new_names]
-        added = [f"{_key(name)}: {_flow(item)}" for name, item in value.items() if name not in new_names]
+        added = [_pair(name, item) for name, item in value.items() if name not in new_names]
         if node.flow_style:
             yield from self._in_flow(self._at(node.start_mark) + 1, pairs, removed, added)
         else:

@@ -266,8 +266,10 @@ def _box_outline(box: Box) -> NDArray[np.float64]:
     """Return the corners of an upright box as seen from above, 4 x 2."""
     c = math.cos(box.yaw_rad)
     s = math.sin(box.yaw_rad)
-    own_corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
-    outline: NDArray[np.float64] = own_corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    own_corners = signs * np.array(box.size_m[:2]) / 2
+    turned_corners = own_corners @ np.array([[c, s], [-s, c]])
+    outline: NDArray[np.float64] = turned_corners + np.array(box.center_m[:2])
     return outline
 
 

@@ -248,11 +248,10 @@ def _numbered_layout(
         cells: list[str] = []
         if not line.lstrip().startswith(COMMENTS):
             cells = split_cells(line, delimiter)
-        found_numbers = {
-            name
-            for name, index in number_indices.items()
-            if 0 <= index < len(cells) and is_number(cells[index], delimiter)
-        }
+        found_numbers: set[str] = set()
+        for name, index in number_indices.items():
+            if 0 <= index < len(cells) and is_number(cells[index], delimiter):
+                found_numbers.add(name)
         if not _is_first_row(cells, number_indices, found_numbers, anchors):
             above.append((number, cells if found_numbers else ()))
             continue

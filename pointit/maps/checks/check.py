@@ -136,8 +136,10 @@ def _check_solids(file: MapFile) -> Iterator[MapFinding]:
 
 
 def _check_duplicates(file: MapFile) -> Iterator[MapFinding]:
-    yield from _duplicates("strips", {name: strip.line for name, strip in file.strips.items()})
-    yield from _duplicates("belts", {name: belt.centerline for name, belt in file.belts.items()})
+    strip_lines = {name: strip.line for name, strip in file.strips.items()}
+    belt_lines = {name: belt.centerline for name, belt in file.belts.items()}
+    yield from _duplicates("strips", strip_lines)
+    yield from _duplicates("belts", belt_lines)
     for section in ("boxes", "planes", "cylinders", "spheres", "clouds", "fences"):
         yield from _duplicates(section, getattr(file, section))
 

@@ -54,7 +54,9 @@ def direction_sigma_deg(
     share = DEPTH_SHARE if len(places_m) > 1 else ONE_PLACE_SHARE
 
     # An error along the line from the place is seen from the side by the sine of the angle between both
-    cross = abs(float(line[0] * sight[1] - line[1] * sight[0]))
+    line_x, line_y = line
+    sight_x, sight_y = sight
+    cross = abs(float(line_x * sight_y - line_y * sight_x))
     sine = cross / max(length_m, NEAREST_M) / range_m
     beside_m = share * length_m * sine
     return math.hypot(PRESS_DEG, math.degrees(math.atan2(beside_m, range_m)))

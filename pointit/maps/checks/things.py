@@ -315,7 +315,9 @@ def separability(
     pairs = confusions(things)
 
     def share(x: float, y: float) -> float:
-        unclear = {*chain(*pairs(x, y)), *uncovered_things(paced_from, things, x, y)}
+        confused = chain(*pairs(x, y))
+        uncovered = uncovered_things(paced_from, things, x, y)
+        unclear = {*confused, *uncovered}
         return 1.0 - len(unclear) / len(things)
 
     return share

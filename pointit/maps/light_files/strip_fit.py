@@ -51,8 +51,8 @@ def first_pixels(strips: Mapping[str, StripEntry]) -> dict[str, int]:
 def unused_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[int, int]]:
     """Yield first and last of the pixels of the wire that are in no strip, before or between others."""
     end = 0
-    firsts = [(first, name) for name, first in first_pixels(strips).items()]
-    for first, name in sorted(firsts):
+    firsts = first_pixels(strips)
+    for first, name in sorted((first, name) for name, first in firsts.items()):
         if first > end:
             yield end, first - 1
         end = max(end, first + strips[name].pixels)
@@ -196,7 +196,8 @@ def _bent(points: Array, pitch: float, tolerance: float) -> Array:
     nodes = [points[0]]
     for point, step, length in zip(points, steps, lengths, strict=False):
         if length < pitch * (1 - tolerance):
-            ahead = (pitch**2 - length**2) / (2.0 * (pitch - float(step @ towards)))
+            step_ahead = float(step @ towards)
+            ahead = (pitch**2 - length**2) / (2.0 * (pitch - step_ahead))
             nodes.append(point + ahead * towards)
         nodes.append(point + step)
         if length > 0.0:

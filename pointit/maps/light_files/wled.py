@@ -254,7 +254,8 @@ def _preset(data: Json, wanted: int | None) -> Json:
     if any(layout != layouts[0] for layout in layouts):
         names: list[str] = []
         for number, preset in presets.items():
-            names.append(f"{number} ({preset['n']})" if preset.get("n") else number)
+            name = preset.get("n")
+            names.append(f"{number} ({name})" if name else number)
         raise ConfigError(f"presets {join_names(names)} have other segments; choose one by --preset")
     return next(iter(presets.values()))
 

@@ -16,7 +16,7 @@ from tests.unit.forearm.simulated_arm import Arm, Course, pointing, small, wavin
 
 
 @pytest.mark.parametrize(("make", "duration_s"), [(waving, 2.0), (pointing, 5.0)], ids=["waving", "pointing"])
-def test_the_yaw_is_known_after_seconds_of_movement_and_its_sigma_is_honest(
+def test_yaw_is_known_after_seconds_of_movement_with_an_honest_sigma(
     make: Callable[[np.random.Generator], Course], duration_s: float
 ) -> None:
     errors_rad: list[float] = []
@@ -55,7 +55,7 @@ def test_a_body_on_another_arm_than_the_wrist_shows_no_yaw(seed: int) -> None:
         assert estimator.estimate(time_ns) is None
 
 
-def test_a_delay_of_the_wrist_is_found_and_does_not_turn_the_yaw() -> None:
+def test_delay_of_the_wrist_is_estimated_and_leaves_the_yaw() -> None:
     arm = Arm(3, delay_s=0.06)
     arm.move(waving(arm.dice), 4.0)
     assert arm.estimate().delay_s == pytest.approx(0.06, abs=0.012)
@@ -159,7 +159,7 @@ def test_less_than_a_second_of_movement_shows_no_yaw() -> None:
     assert arm.estimator.estimate(arm.now_ns) is None
 
 
-def test_a_yaw_is_not_known_until_it_is_certain_and_a_sentence_says_so() -> None:
+def test_yaw_is_unknown_with_a_sentence_until_it_is_certain() -> None:
     arm = Arm(341, imu_rad=math.radians(3.0))
     assert arm.estimator.problem("anna", arm.now_ns).startswith("the yaw of anna is not known: move the arm")
     course = small(arm.dice)
@@ -172,7 +172,7 @@ def test_a_yaw_is_not_known_until_it_is_certain_and_a_sentence_says_so() -> None
     assert arm.estimator.problem("anna", arm.now_ns).startswith(expected)
 
 
-def test_a_known_yaw_stays_known_while_the_arm_rests_until_its_drift_exceeds_the_later_limit() -> None:
+def test_known_yaw_of_a_resting_arm_lasts_until_the_later_limit() -> None:
     arm = Arm(342)
     arm.move(waving(arm.dice), 4.0)
     assert arm.estimator.problem("anna", arm.now_ns) == ""
@@ -199,7 +199,7 @@ def moving_arm(time_s: float) -> Rotation:
     ("jump_deg", "rate_hz", "rests"),
     [(-70, 60, False), (30, 120, False), (4, 60, False), (30, 60, True), (6, 60, True)],
 )
-def test_a_yaw_that_jumps_unannounced_is_not_stated_after_2_s_or_its_sigma_contains_the_truth(
+def test_jump_of_the_yaw_ends_it_or_is_within_its_sigma(
     *, jump_deg: float, rate_hz: int, rests: bool
 ) -> None:
     estimator = ForearmYaw()
@@ -289,7 +289,7 @@ def test_the_yaw_error_is_the_shorter_turn_and_height_does_not_count() -> None:
     assert TruePose(NOW_NS, (1.0, 2.0, 1.7), None).error_of(localized()) == PoseError(error.position_m, None)
 
 
-def test_a_pose_stays_in_force_but_one_later_than_the_truth_or_of_a_tracker_has_no_error() -> None:
+def test_later_or_external_poses_have_no_error() -> None:
     true_pose = TruePose(NOW_NS, (1.0, 2.0, 1.7), 3.0)
     assert true_pose.error_of(localized(NOW_NS - 600 * NS_PER_S)) is not None
     assert true_pose.error_of(localized(NOW_NS + NS_PER_S)) is None

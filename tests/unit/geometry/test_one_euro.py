@@ -33,7 +33,7 @@ def filtered(stream: list[tuple[float, Vec3]], one_euro: OneEuro | None = None) 
 
 
 @given(directions, st.lists(steps_s, min_size=2, max_size=20))
-def test_what_stays_comes_out_as_it_is(direction: Vec3, steps: list[float]) -> None:
+def test_filter_returns_a_constant_direction_unchanged(direction: Vec3, steps: list[float]) -> None:
     assert set(filtered([(step_s, direction) for step_s in steps])) == {direction}
 
 

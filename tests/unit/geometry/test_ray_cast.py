@@ -124,7 +124,7 @@ def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
 
 
 @given(seeds, st.floats(-1.0, 6.0))
-def test_what_is_beyond_the_reach_is_cut_off(seed: int, reach_m: float) -> None:
+def test_ray_cast_cuts_off_points_beyond_the_reach(seed: int, reach_m: float) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o = some_point(rng)
@@ -205,7 +205,7 @@ def test_a_point_at_the_eyes_is_at_no_angle() -> None:
     assert math.isfinite(hit.miss_rad)
 
 
-def test_miss_of_a_point_behind_the_ray_is_its_distance_to_the_origin() -> None:
+def test_miss_of_a_point_behind_is_its_distance_from_origin() -> None:
     hit = make_hit(0, 0.0, (-3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
     assert hit.miss_m == pytest.approx(5.0)
     assert hit.miss_rad == pytest.approx(math.atan2(4.0, -3.0))

@@ -109,7 +109,7 @@ def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str) -> None:
 
 @settings(max_examples=20)
 @given(seeds)
-def test_a_box_is_passed_at_its_outline_from_any_number_of_eyes_that_come_back(seed: int) -> None:
+def test_box_is_passed_at_its_outline_from_returning_eyes(seed: int) -> None:
     rng = random.Random(seed)
     solid, skin = some_solid(rng, "box")
     assert isinstance(solid, BoxSolid)
@@ -125,7 +125,7 @@ def test_a_box_is_passed_at_its_outline_from_any_number_of_eyes_that_come_back(s
 
 
 @given(seeds, forms)
-def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: int, form: str) -> None:
+def test_ray_to_an_inner_point_intersects_there_or_before(seed: int, form: str) -> None:
     rng = random.Random(seed)
     solid, skin = some_solid(rng, form)
     origin = some_point(rng)
@@ -137,7 +137,7 @@ def test_a_ray_to_a_point_inside_of_its_outline_meets_it_there_or_before(seed: i
 
 
 @given(seeds, forms)
-def test_what_is_met_is_on_the_skin_and_nothing_is_before(seed: int, form: str) -> None:
+def test_intersection_is_on_the_surface_with_nothing_before(seed: int, form: str) -> None:
     rng = random.Random(seed)
     solid, _ = some_solid(rng, form)
     origin = some_point(rng)
@@ -158,7 +158,7 @@ def test_what_is_met_is_on_the_skin_and_nothing_is_before(seed: int, form: str) 
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_what_lies_behind_is_not_met(form: str) -> None:
+def test_solids_behind_are_not_intersected(form: str) -> None:
     solid: dict[str, Solid] = {
         "box": BoxSolid((-3.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
         "sphere": SphereSolid((-3.0, 0.0, 0.0), 1.0),
@@ -272,7 +272,7 @@ def test_beyond_the_reach_a_nearer_one_that_is_missed_counts() -> None:
 
 
 @pytest.mark.parametrize("form", ["box", "sphere", "cylinder"])
-def test_whoever_is_inside_points_at_the_wall_from_within(form: str) -> None:
+def test_ray_from_inside_intersects_the_wall_from_within(form: str) -> None:
     solid: dict[str, Solid] = {
         "box": BoxSolid((0.0, 0.0, 0.0), (4.0, 4.0, 4.0)),
         "sphere": SphereSolid((0.0, 0.0, 0.0), 2.0),
@@ -329,7 +329,7 @@ def test_many_points_at_once_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch)
 
 
 @given(st.floats(0.01, 0.3), st.floats(1.0, 3.0), st.floats(0.01, 0.5))
-def test_what_is_past_an_end_is_beyond_it(first_m: float, second_m: float, past_m: float) -> None:
+def test_points_past_an_end_are_beyond_it(first_m: float, second_m: float, past_m: float) -> None:
     line = Polyline(((0.0, 0.0, 0.0), (first_m, 0.0, 0.0), (first_m, second_m, 0.0)))
     points_m = np.array(
         [(-past_m, 0.0, 0.0), (0.0, 0.1, 0.0), (first_m, second_m, 0.2), (first_m, second_m + past_m, 0.0)]

@@ -90,7 +90,7 @@ def late(*moves: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("variances", [(0.2, 0.2, 0.03), (0.8, 0.1, 0.01), (0.01, 0.01, 0.1)])
 @pytest.mark.parametrize("by_latency_m", [0.0, 0.4])
-def test_a_pose_is_judged_by_the_thing_that_is_nearest_to_the_ray(
+def test_right_probability_is_that_of_the_thing_nearest_the_ray(
     variances: tuple[float, ...], by_latency_m: float
 ) -> None:
     """People who stand and are turned otherwise than assumed point at one of eight things: is it nearest?"""
@@ -218,7 +218,7 @@ def test_the_scatter_of_following_is_that_of_the_innovations(size: float) -> Non
     assert 0.5 < float(np.mean(scatters)) / size**2 < 1.4  # blocks are means, and large errors count less
 
 
-def test_a_longer_hold_at_a_lamp_or_another_one_tells_no_more_and_longer_following_does() -> None:
+def test_certainty_grows_with_longer_following_but_not_with_longer_holds() -> None:
     person = Person(0.0, 0.0, 0.5)
     trust = SolverSettings(
         body_sigma_m=0.0, model_sigma_rad=0.0, max_position_sigma_m=9.0, max_yaw_sigma_rad=9.0
@@ -278,7 +278,9 @@ def test_another_place_that_fits_is_in_the_uncertainty() -> None:
 
 
 @given(coordinates, coordinates, angles, st.floats(0.06, 0.5))
-def test_where_little_is_told_little_is_stated(x: float, y: float, yaw_rad: float, apart_m: float) -> None:
+def test_covariance_covers_the_error_when_targets_are_nearly_a_pole(
+    x: float, y: float, yaw_rad: float, apart_m: float
+) -> None:
     """Nearly a pole: whatever is found, its covariance is positive and covers the error."""
     assume(math.hypot(x, y) > 0.5)
     pole = ((0.0, 0.0, 0.1), (apart_m, 0.0, 2.1))

@@ -72,7 +72,7 @@ def test_the_filter_is_the_least_squares_fit_of_all_measurements() -> None:
     assert sigma_rad == pytest.approx(math.sqrt(row @ covariance @ row + WANDER_RAD**2))
 
 
-def test_a_localization_of_three_seconds_measures_the_bias_and_a_shorter_one_does_not() -> None:
+def test_bias_is_measured_by_three_seconds_but_not_by_less() -> None:
     person = Person(0.5, -0.3, 0.4, math.radians(7.0))
     memory = learned(person)
     assert memory.remembered is not None
@@ -87,7 +87,7 @@ def test_a_localization_of_three_seconds_measures_the_bias_and_a_shorter_one_doe
     assert short.learn(following(person, 3.0), SETTINGS, 0.0)
 
 
-def test_rays_of_another_person_are_solved_without_memory_and_an_accepted_pose_replaces_it() -> None:
+def test_bias_memory_is_replaced_by_an_accepted_pose_of_another_person() -> None:
     memory = learned(Person(bias_rad=math.radians(-12.0)))
     before = memory.remembered
     other = Person(bias_rad=math.radians(9.0))

@@ -231,7 +231,7 @@ def test_an_arm_held_up_cannot_make_the_rate_surer_than_people_creep() -> None:
     assert hanging.at(60 * NS_PER_S).yaw_rate_sigma_radps < 0.2 * creep_radps
 
 
-def test_a_creep_that_anchors_have_told_makes_rests_of_a_raised_arm_tell_the_rate() -> None:
+def test_raised_rests_measure_the_rate_when_anchors_show_the_creep() -> None:
     """Anchors give the rate, so that rests show the creep; later rests show that the rate has changed."""
     creep = math.radians(0.3)
     drift = calibrated(PERSON)

@@ -258,7 +258,7 @@ def is_outside(solution: Solution, off_m: float, turned_rad: float) -> bool:
     return off_m > 2.0 * solution.position_sigma_m or abs(turned_rad) > 2.0 * solution.yaw_sigma_rad
 
 
-def test_a_level_circle_at_constant_speed_tells_no_latency_and_a_robot_that_rises_does() -> None:
+def test_latency_is_shown_by_a_rising_robot_but_no_level_circle() -> None:
     """A latency turns the pose about the middle of a level circle, and no residual shows it."""
     level, rising = (following(3, 0.2, 12.0, rise_m)[0] for rise_m in (0.0, 1.0))
     hidden, seen = (solved(each, SolverSettings(latency_sigma_s=0.15)) for each in (level, rising))

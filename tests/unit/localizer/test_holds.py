@@ -103,7 +103,7 @@ def test_one_pointing_at_another_lamp_does_not_count_when_five_others_agree() ->
     assert taken >= 15
 
 
-def test_one_of_three_or_four_pointings_at_another_lamp_makes_no_sure_wrong_pose() -> None:
+def test_one_mistaken_lamp_of_a_few_gives_no_certain_wrong_pose() -> None:
     wrong = 0
     for count in (3, 4):
         for seed in range(20):

@@ -253,7 +253,7 @@ def test_every_wait_ends_despite_losses_and_crashes(
     delays,
     st.lists(st.floats(0.0, 3.0), min_size=4, max_size=4),
 )
-def test_of_sets_that_overlap_no_lamp_is_pointed_at_by_two(
+def test_overlapping_sets_of_lamps_have_one_person_a_lamp(
     lamps: list[tuple[str, ...]], delays_s: list[float], gaps_s: list[float]
 ) -> None:
     """The later of two people who ask at once yields."""
@@ -265,7 +265,7 @@ def test_of_sets_that_overlap_no_lamp_is_pointed_at_by_two(
     assert world.same_ns <= len(lamps) ** 2 * (2 * DELAY_S * S + 3 * STEP_NS)
 
 
-def test_who_waits_for_another_area_does_not_hold_up_this_one() -> None:
+def test_people_waiting_for_another_area_do_not_delay_this_one() -> None:
     world = World([LEFT, RIGHT, LEFT, RIGHT], [0.1] * len(NAMES))
     people = list(world.people.values())
     for player in people:

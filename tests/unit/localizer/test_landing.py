@@ -195,7 +195,7 @@ def test_landing_after_a_long_rest_is_of_another_reach() -> None:
         {"object_id": "package_7"},
     ],
 )
-def test_what_is_not_confirmed_by_this_person_at_a_fixed_thing_is_no_anchor(change: dict[str, Any]) -> None:
+def test_landing_is_no_anchor_without_the_persons_confirmation_at_a_thing(change: dict[str, Any]) -> None:
     person = Listener.at_the_lamp()
     person.confirm(CONFIRMED.model_copy(update=change))
     assert person.outputs == []

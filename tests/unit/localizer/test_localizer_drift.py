@@ -41,7 +41,7 @@ def person(yaw_deg: float) -> Person:
 
 
 @in_virtual_time
-async def test_an_anchor_sets_a_fixed_pose_right_and_from_then_on_it_is_followed() -> None:
+async def test_anchor_corrects_a_fixed_pose_which_is_tracked_from_then_on() -> None:
     async with worn(FIXED, VirtualClock(), person(28.0)) as wearer:
         assert len(wearer.poses) == 1
         living = asyncio.create_task(wearer.live())
@@ -132,7 +132,7 @@ def tracked(clock: Clock, x_m: float = 7.0) -> UserPose:
     return UserPose(stamp_ns=clock.now_ns(), position_m=(x_m, 0.0, 0.0), yaw_rad=0.0, method="external")
 
 
-async def test_where_a_tracker_gives_the_pose_the_localizer_stands_back() -> None:
+async def test_localizer_pauses_when_a_tracker_provides_the_pose() -> None:
     clock = ManualClock()
     async with worn(LAMPS_FIRST, clock) as wearer:
         await wearer.call(at.SET_POSE, SetPose(position_m=(3.0, 4.0, 0.0)))
@@ -233,7 +233,7 @@ def sample(t_s: float, epoch: int = 0, device_s: float | None = None) -> ImuSamp
     )
 
 
-def test_what_the_samples_tell() -> None:
+def test_yaw_origin_finds_changes_and_restarts_in_samples() -> None:
     origin = YawOrigin()
     for t_s, epoch, device_s, said in (
         (0.0, 3, 50.0, ""),  # the first one tells nothing

@@ -224,7 +224,7 @@ async def test_a_new_localizer_continues_with_the_bias_that_the_one_before_remem
 
 
 @in_virtual_time
-async def test_a_robot_that_is_followed_from_the_start_is_followed_on_after_the_bias_is_forgotten() -> None:
+async def test_automatic_following_starts_again_after_the_bias_is_forgotten() -> None:
     config = LocalizerConfig(method="moving_target", autostart=True)
     async with worn(config, VirtualClock(), Person(0.5, -0.3, 1.1), None) as room:
         forget = CancelLocalization(forget_bias=True)

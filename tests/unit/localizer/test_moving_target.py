@@ -126,7 +126,7 @@ def test_continuous_goes_on_and_keeps_to_its_window() -> None:
     assert found[-1].samples == pytest.approx(200, abs=4)
 
 
-def test_of_two_robots_the_one_that_is_followed_is_meant() -> None:
+def test_followed_robot_is_chosen_among_two() -> None:
     outputs = fly(MovingTarget(config()), 12.0, reports=decoyed)
     assert told(outputs)[-1].target_id == "drone"
     assert error_m(poses(outputs)[-1]) < NEAR_M
@@ -253,7 +253,7 @@ def test_a_window_forgets_and_takes_no_older_ray() -> None:
     assert (len(window), window.newest_ns) == (3, START_NS + round(2.5 * NS_PER_S))
 
 
-def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() -> None:
+def test_standing_robot_is_the_reason_without_a_request_for_another_place() -> None:
     stands: Vec3 = (2.5, 1.0, 0.2)
     outputs = fly(
         MovingTarget(config()),
@@ -265,7 +265,7 @@ def test_a_robot_that_stands_is_the_reason_and_no_second_place_is_asked_for() ->
     assert not any("two or more" in message.reason for message in told(outputs))
 
 
-def test_a_pose_is_refined_until_places_near_the_robot_are_as_sure_as_goals_must_be() -> None:
+def test_pose_is_refined_until_places_near_the_robot_are_certain() -> None:
     def sigma_m(pose: UserPose) -> float:
         return place_sigma_m((2.5, 1.0, 0.0), pose.position_m, pose.covariance, (0.0, 0.0, 1.6), 0.0)
 
@@ -341,7 +341,7 @@ def test_times_of_tracker_and_wrist_are_as_uncertain_as_stated(
     assert sigma_m(0.0, 0.0) < sigma_m(tracker_s, wrist_s) < sigma_m(0.1, wrist_s)
 
 
-def test_who_walks_away_slowly_is_told_although_each_pose_agrees_with_the_one_before() -> None:
+def test_slow_walk_is_reported_although_consecutive_poses_agree() -> None:
     def walking(t_s: float) -> Person:
         away_m = 0.05 * max(0.0, t_s - RUN_UP_S)
         return Person(PERSON.x - away_m, PERSON.y, PERSON.yaw_rad, PERSON.bias_rad)
@@ -405,7 +405,7 @@ class RecordingMemory(BiasMemory):
         return super().learn(pointings, settings, floor_m)
 
 
-def test_who_is_remembered_is_found_sooner() -> None:
+def test_remembered_bias_shortens_the_localization() -> None:
     def found_s(memory: BiasMemory) -> float:
         last = told(fly(MovingTarget(config(max_place_sigma_m=0.35), memory), 20.0, noise_rad=0.01))[-1]
         assert last.phase == "solved"
@@ -414,7 +414,7 @@ def test_who_is_remembered_is_found_sooner() -> None:
     assert found_s(RecordingMemory(REMEMBERED)) < found_s(BiasMemory())
 
 
-def test_who_is_calibrated_is_not_remembered() -> None:
+def test_calibrated_person_has_no_remembered_bias() -> None:
     memory = RecordingMemory(REMEMBERED)
     assert poses(fly(MovingTarget(config(), memory), 12.0, elevation_sigma_rad=math.radians(3.0)))
     assert (memory.used, memory.learned) == ([], [])

@@ -103,7 +103,7 @@ def test_taking_a_robot_corrects_the_yaw(how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["strips", "moves", "switched off", "somebody else", "was hers", "arm moves"])
-def test_what_is_no_measure_corrects_nothing(how: str) -> None:
+def test_taking_a_robot_corrects_nothing_when_it_is_no_measure(how: str) -> None:
     lit = BARE.model_copy(update={"strips": (LIT,)})
     room = Room(lit if how == "strips" else BARE, anchor_at_robots=None if how != "switched off" else False)
     if how == "was hers":
@@ -126,7 +126,7 @@ def test_a_robot_is_pointed_at_on_request() -> None:
     assert room.yaw_rad > 0.4 * DRIFT_RAD
 
 
-def test_without_lamps_a_robot_that_stands_is_chosen_and_with_lamps_a_lamp() -> None:
+def test_anchoring_chooses_a_lamp_or_a_standing_robot_without_lamps() -> None:
     for lamps, expected in (((), "quad"), ((Lamp(id="led", position_m=(0.0, 2.0, 1.0)),), "led")):
         room = Room(BARE.model_copy(update={"lamps": lamps}))
         room.point(QUAD, 0.2)

@@ -197,7 +197,7 @@ def test_a_rest_counts_until_a_cursor_appears() -> None:
 
 @pytest.mark.parametrize("restarted", [False, True])
 @pytest.mark.parametrize("follow", [None, False])
-def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
+def test_yaw_is_unknown_after_another_yaw_origin_until_it_is_measured(
     *, restarted: bool, follow: bool | None
 ) -> None:
     tracking = localized(follow=follow)
@@ -221,7 +221,7 @@ def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
     assert tracking.yaw_sigma_rad(at(20.0)) < 3.0 * DEGREE
 
 
-def test_a_pose_that_is_exact_by_word_or_a_trackers_is_not_doubted() -> None:
+def test_exact_and_external_poses_keep_their_yaw_with_another_origin() -> None:
     tracking = PoseTracker()
     assert tracking.on_yaw_origin_changed(at(0.0), is_restarted=True) is None
     tracking.set_exact(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))

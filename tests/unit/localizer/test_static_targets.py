@@ -103,7 +103,7 @@ def test_rays_that_come_late_are_waited_for() -> None:
     assert told(outputs)[-1].phase == "solved"
 
 
-def test_rays_of_a_slow_imu_suffice_if_all_given_lamps_together_bring_enough() -> None:
+def test_rays_of_a_slow_imu_suffice_over_all_given_lamps() -> None:
     """Eight in each hold of 2 s, 24 of three lamps, where 20 are needed."""
     outputs = run(StaticTargets(LAMPS, config()), Person(0.6, -0.4), 15.0, tick_ns=NS_PER_S // 4)
     last = told(outputs)[-1]

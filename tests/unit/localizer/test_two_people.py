@@ -117,7 +117,7 @@ async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
 
 
 @in_virtual_time
-async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refused() -> None:
+async def test_silent_person_frees_the_lamps_and_a_long_wait_is_refused() -> None:
     async with room_of("anna") as room:
         bench = room.bench
 
@@ -145,7 +145,7 @@ async def test_who_falls_silent_frees_the_place_and_who_waits_too_long_is_refuse
 
 
 @in_virtual_time
-async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
+async def test_waiting_person_is_refused_when_the_lamps_are_gone() -> None:
     async with room_of("anna", "ben") as room:
         await room.take_turns()
         room.bench.put(at.MAP, ROOM.model_copy(update={"lamps": LAMPS[:1]}))
@@ -155,7 +155,7 @@ async def test_who_waits_is_told_when_the_lamps_are_gone() -> None:
 
 
 @in_virtual_time
-async def test_a_restarted_led_driver_darkens_what_was_left_lit_and_keeps_the_queue() -> None:
+async def test_restarted_led_driver_switches_lamps_off_and_keeps_the_queue() -> None:
     async with room_of("anna", "ben") as room:
         bench = room.bench
         await room.take_turns()

@@ -99,7 +99,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_table_of_points_is_refused(tmp_path: Path, name: str) -> None:
+def test_text_that_is_no_table_of_points_is_refused(tmp_path: Path, name: str) -> None:
     content, message = REFUSED[name]
     path = tmp_path / name
     path.write_text(content)
@@ -386,7 +386,7 @@ def test_a_cloud_is_read_right_or_refused_with_parameters_that_work(tmp_path: Pa
     np.testing.assert_allclose(points, ROOM, atol=0.02 if "utm" in name else 2e-4)
 
 
-def test_a_shallow_scan_whose_axis_up_is_not_stated_is_refused_until_it_is(tmp_path: Path) -> None:
+def test_shallow_scan_is_refused_until_its_up_axis_is_stated(tmp_path: Path) -> None:
     shallow = np.column_stack([X, Z - 1.4, 0.4 * (Y - Y.mean())])
     (tmp_path / "scan.csv").write_text("x,y,z\n" + rows(shallow))
     path = tmp_path / "room.yaml"

@@ -143,7 +143,7 @@ def test_segments_are_imported_in_any_unicode(tmp_path: Path, encoding: str) -> 
     assert "pixels: 64" in text
 
 
-def test_a_file_in_another_encoding_is_refused_with_the_line_and_the_remedy(tmp_path: Path) -> None:
+def test_file_in_another_encoding_is_refused_with_line_and_remedy(tmp_path: Path) -> None:
     text, _ = imported(tmp_path, '{"seg": [\n{"start": 0, "stop": 9, "n": "Küche"}]}'.encode("latin-1"))
     assert text.endswith("source.json: line 2 is not UTF-8; save the file as UTF-8")
 

@@ -261,7 +261,7 @@ def test_the_toolkits_laboratory_is_in_order(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["belt", "tutorial_scenario_4"])
-def test_what_is_proposed_for_the_toolkits_conveyor_makes_it_ours(name: str, tmp_path: Path) -> None:
+def test_proposed_links_complete_the_conveyor_of_the_toolkit(name: str, tmp_path: Path) -> None:
     path = data_file(f"pointit-ros2/{name}.yaml")
     findings = check_map(read_map_file(path), {})
     assert [(each.severity, each.where) for each in findings][-2:] == ODD_STRIPS

@@ -205,9 +205,7 @@ IMPLAUSIBLE = {
 
 
 @pytest.mark.parametrize("name", IMPLAUSIBLE)
-def test_a_cloud_that_is_no_room_is_refused_with_the_parameter_that_describes_it(
-    tmp_path: Path, name: str
-) -> None:
+def test_implausible_cloud_is_refused_with_the_parameter_to_set(tmp_path: Path, name: str) -> None:
     content, parameter, problem = IMPLAUSIBLE[name]
     (tmp_path / "scan.xyz").write_text(f"x y z\n{content}")
     path = tmp_path / "room.yaml"

@@ -149,7 +149,7 @@ def test_two_entries_swap_their_names_and_what_refers_to_them_follows() -> None:
         ),
     ],
 )
-def test_what_cannot_be_done_is_refused_in_a_sentence(text: str, one: dict[str, Any], sentence: str) -> None:
+def test_impossible_edits_are_refused_in_a_sentence(text: str, one: dict[str, Any], sentence: str) -> None:
     with pytest.raises(RefusedError, match=sentence):
         edit(text, one)
 
@@ -223,7 +223,7 @@ def yaml_text(value: str) -> str:
 
 
 @given(written(), st.data())
-def test_any_edits_give_the_values_that_were_meant_and_keep_comments_and_order(
+def test_edits_give_the_values_and_keep_comments_and_order(
     document: tuple[str, dict[str, dict[str, Any]]], data: st.DataObject
 ) -> None:
     text, sections = document

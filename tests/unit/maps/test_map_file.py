@@ -116,7 +116,7 @@ def test_things_are_where_they_or_their_lights_are(tmp_path: Path) -> None:
     assert (radio.mode, radio.press, radio.dwell_s) == ("switch", True, None)
 
 
-def test_a_part_of_a_belt_is_a_box_along_it_lit_by_the_strip_beside_it(tmp_path: Path) -> None:
+def test_part_of_a_belt_is_a_box_lit_by_the_strip_beside(tmp_path: Path) -> None:
     read = loaded(write(tmp_path, AT), 0)
     exit_, corner, cart = read.things
     assert exit_.center_m == pytest.approx((1.2, 3.5, 1.0))

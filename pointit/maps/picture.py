@@ -249,7 +249,7 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
         named: tuple[Box | Cylinder | Sphere, ...] = (*boxes, *room.cylinders, *room.spheres)
         for solid in named:
             label = solid.label if isinstance(solid, Thing) else ""
-            _name(axes, label or solid.id, solid.center_m)
+            _label_solid(axes, label or solid.id, solid.center_m)
     else:
         legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
     if solids:
@@ -281,7 +281,7 @@ def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: boo
         if abs(nz) < LEVEL:  # a level plane is everywhere
             axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
             if is_named:
-                _name(axes, f"{plane.id} (without end)", plane.center_m)
+                _label_solid(axes, f"{plane.id} (without end)", plane.center_m)
         return
     u, v = plane_axes(plane.normal)
     ux, uy, _ = scale(u, plane.size_m[0] / 2)
@@ -291,10 +291,10 @@ def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: boo
     look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
     patches.append(Polygon(corners, **look))
     if is_named:
-        _name(axes, plane.id, plane.center_m)
+        _label_solid(axes, plane.id, plane.center_m)
 
 
-def _name(axes: Axes, text: str, center_m: Vec3) -> None:
+def _label_solid(axes: Axes, text: str, center_m: Vec3) -> None:
     axes.text(*center_m[:2], text, color=SOLID, fontsize=7.5, ha="center", va="center", **ON_TOP)
 
 

@@ -321,7 +321,7 @@ class MovingTarget(Procedure):
             if self._contradicts(result, surest, surest_ns):
                 result = Refusal(CONTRADICTED, result.residual_rad)
         if isinstance(result, Refusal):
-            return self._missed(now_ns, result)
+            return self._report_refusal(now_ns, result)
 
         # The pose counts as the surest only after it was compared with the one before
         self._solution = result
@@ -459,7 +459,7 @@ class MovingTarget(Procedure):
         drift_rad = rate_radps * (self._rays.newest_ns - surest_ns) / NS_PER_S
         return surest.differs(solution, drift_rad) > FOLLOWING_AGREEING
 
-    def _missed(self, now_ns: int, refusal: Refusal) -> list[Output]:
+    def _report_refusal(self, now_ns: int, refusal: Refusal) -> list[Output]:
         phase: Phase = "sampling" if self._surest is None else "solved"
         if self._is_late(now_ns) and not self._config.autostart:
             self._running = False

@@ -273,7 +273,7 @@ class PoseManager:
     def problem(self, now_ns: int) -> str:
         """Return a problem of the pose and what to do, or `""` if there is none."""
         if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
-            return self._silence_problem(now_ns)
+            return self._silence_text(now_ns)
         if self._tracking.has_lost_yaw:
             user = self._user
             return (
@@ -318,7 +318,7 @@ class PoseManager:
         if isinstance(started, Refusal):
             return started
         self._external_pose.take_over()
-        message = self._queued() or f"localizing by {method.replace('_', ' ')}"
+        message = self._queue_text() or f"localizing by {method.replace('_', ' ')}"
         return Response(message, started)
 
     def cancel(self, now_ns: int, *, forget_bias: bool = False) -> Response:
@@ -374,7 +374,7 @@ class PoseManager:
         # A direction alone is no pose: without one, or with a silent tracker's, only a configured one will do
         if self._tracking.base is None or self._external_pose.pose is not None:
             if self._config.method != "fixed":
-                return Refusal(self._nowhere())
+                return Refusal(self._no_pose_text())
             self._external_pose.take_over()
             self._tracking.set_exact(self._config.fixed(now_ns), now_ns)
         result = self._tracking.heading(mean, azimuth_rad, now_ns)
@@ -389,27 +389,27 @@ class PoseManager:
         if self.procedures.is_localizing:
             return Refusal(f"{self._user} is being localized now; wait until that is done, or cancel it")
         if self._tracking.base is None:
-            return Refusal(self._nowhere())
+            return Refusal(self._no_pose_text())
         if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
-            return Refusal(self._silence_problem(now_ns))
+            return Refusal(self._silence_text(now_ns))
         outputs = self.procedures.anchor(lamp_id, self._heading_window.eyes_m, now_ns)
         if isinstance(outputs, Refusal):
             return outputs
-        message = self._queued() or f"point at {self.procedures.lit}"
+        message = self._queue_text() or f"point at {self.procedures.lit}"
         return Response(message, outputs)
 
-    def _queued(self) -> str:
+    def _queue_text(self) -> str:
         ahead = self.procedures.ahead
         return f"{self._user} waits in turn: {', '.join(ahead)} first" if ahead else ""
 
-    def _nowhere(self) -> str:
+    def _no_pose_text(self) -> str:
         user = self._user
         return (
             f"no pose of {user} is known; localize first (`pointit service call "
             f"{START_LOCALIZATION.at(user)}`), or set it (`pointit service call {SET_POSE.at(user)}`)"
         )
 
-    def _silence_problem(self, now_ns: int) -> str:
+    def _silence_text(self, now_ns: int) -> str:
         age_s = self._external_pose.age_s(now_ns)
         return (
             f"the tracker that gave the pose of {self._user} is silent for {age_s:.0f} s; start it again, or "

@@ -231,7 +231,7 @@ def next_target(
     # Information of one hold at each lamp from each place, and what there is after it (places x lamps)
     lamps = np.array(lamps_m, dtype=np.float64)
     counts = np.array(visits)
-    places = _room(lamps) if place_m is None else np.array([place_m])
+    places = _possible_places(lamps) if place_m is None else np.array([place_m])
     eyes_z_m = np.full(len(places), floor_m + observation_model.eyes_m)
     eyes = np.column_stack([places, eyes_z_m])
     gained = fisher_information(lamps, eyes, observation_model)
@@ -259,7 +259,7 @@ def prior(observation_model: ObservationModel) -> Array:
     return np.diag([VAGUE_M**-2, VAGUE_M**-2, VAGUE_RAD**-2, observation_model.bias_sigma_rad**-2])
 
 
-def _room(lamps: Array) -> Array:
+def _possible_places(lamps: Array) -> Array:
     """Return possible positions of people (p x 2), evenly over the room but not close to a lamp."""
     low = lamps[:, :2].min(axis=0) - AROUND_M
     high = lamps[:, :2].max(axis=0) + AROUND_M
@@ -380,11 +380,11 @@ class StaticTargets(LampProcedure):
 
         if result is None:
             return self._light(now_ns)
-        if count < self._max_holds and self._goes_on(result):
+        if count < self._max_holds and self._needs_another_hold(result):
             return self._light(now_ns)
         return self._finish(now_ns, result)
 
-    def _goes_on(self, result: Solution | Refusal) -> bool:
+    def _needs_another_hold(self, result: Solution | Refusal) -> bool:
         """Return True if another hold is useful. A second one at a lamp, if accepted, has the same error."""
         if isinstance(result, Refusal) or self._config.targets:
             return True

@@ -196,11 +196,11 @@ class PoseTracker:
         """Update the rest detector; only while no cursor is shown."""
         if self._filter is None or not self._follows:
             return
-        self._rested(self._rest_detector.add(orientation_xyzw, stamp_ns), now_ns)
+        self._apply_rest(self._rest_detector.add(orientation_xyzw, stamp_ns), now_ns)
 
     def end_rest(self) -> None:
         """End the present rest: the arm follows something from now on."""
-        self._rested(self._rest_detector.end())
+        self._apply_rest(self._rest_detector.end())
 
     def on_yaw_origin_changed(self, now_ns: int, *, is_restarted: bool) -> UserPose | None:
         """Make the yaw unknown after a change of the IMU's yaw origin. Return the pose to publish.
@@ -247,7 +247,7 @@ class PoseTracker:
             unknown_pose = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
             result = AnchorResult(accepted=False, reason=NO_POSE)
             return AnchorOutcome(anchor_message(lamp, mean, unknown_pose, result), is_done=False)
-        before = self._at(base, mean.stamp_ns)
+        before = self._pose_at(base, mean.stamp_ns)
         is_only_measured = self._is_outside and not rejection
         if is_only_measured:
             rejection = MEASURED
@@ -288,7 +288,7 @@ class PoseTracker:
         base = self._base
         if base is None or self._is_outside or self._bias.calibration_rad is not None:
             return []
-        pose = self._at(base, mean.stamp_ns)
+        pose = self._pose_at(base, mean.stamp_ns)
         eyes_m = vector.add(pose.position_m, vector.rotate_z(mean.origin_m, pose.yaw_rad))
         target_rad = vector.elevation(vector.subtract(position_m, eyes_m))
         error_rad = vector.elevation(mean.direction) - target_rad - base.elevation_bias_rad
@@ -342,7 +342,7 @@ class PoseTracker:
         """
         if self._base is None:
             raise ValueError(NO_POSE)
-        pose = self._at(self._base, now_ns)
+        pose = self._pose_at(self._base, now_ns)
         covariance = nearest_psd(covariance_of(pose))
         covariance = covariance + (0.0 if self._is_estimated else FIX_COVARIANCE)
         return pose.position_m[:2], bounded_covariance(covariance, self._settings)
@@ -379,7 +379,7 @@ class PoseTracker:
         self._follows = follow
         self._rest_detector = RestDetector()
 
-    def _rested(self, rest: RestYawRate | None, now_ns: int | None = None) -> None:
+    def _apply_rest(self, rest: RestYawRate | None, now_ns: int | None = None) -> None:
         """Apply the rate of a rest, if there is one and the pose follows the drift."""
         if rest is None or self._filter is None or not self._follows:
             return
@@ -407,7 +407,7 @@ class PoseTracker:
         self._has_lost_yaw = False
         self._follows = self._may_follow is not False
 
-    def _at(self, base: UserPose, stamp_ns: int) -> UserPose:
+    def _pose_at(self, base: UserPose, stamp_ns: int) -> UserPose:
         if self._filter is None or not self._is_estimated:
             return base
         return followed(base, self._filter.at(stamp_ns))
@@ -418,6 +418,6 @@ class PoseTracker:
             raise ValueError(NO_POSE)
         if self._filter is not None:
             self._filter.set_time(now_ns)
-        pose = self._at(base, stamp_ns)
+        pose = self._pose_at(base, stamp_ns)
         pose = pose.model_copy(update={"stamp_ns": max(stamp_ns, 0)})
         return self._publish_timer.stamped(pose, now_ns)

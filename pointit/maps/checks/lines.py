@@ -56,16 +56,16 @@ def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntr
     """
     for index, link in links:
         yield from _check_link(index, link, lanes)
-    yield from _twice(links)
+    yield from _check_duplicate_links(links)
     plain_links = [link for _, link in links]
     bays = {bay: lane for bay, lane in file.bays.items() if lane in lanes}
     yield from _check_bays(bays, plain_links, lanes)
     if file.belts:
-        yield from _missing_links(plain_links, lanes)
+        yield from _check_missing_links(plain_links, lanes)
     if plain_links or bays:
         section = "belts" if file.belts else "strips"
-        yield from _loose_lanes(section, plain_links, set(bays.values()), lanes)
-    yield from _endless(plain_links, set(bays.values()), lanes)
+        yield from _check_loose_lanes(section, plain_links, set(bays.values()), lanes)
+    yield from _check_circles(plain_links, set(bays.values()), lanes)
 
 
 def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFinding]:
@@ -79,7 +79,7 @@ def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFindin
     b = target.line.point_at(enters)
     if math.dist(a, b) > width:
         others = [lane for lane in lanes.values() if lane.name not in (source.name, target.name)]
-        bare = _bare_m(a, b, others)
+        bare = _uncovered_m(a, b, others)
         if bare > width:
             distance = round_beyond(bare, width, 2)
             yield error(
@@ -94,7 +94,7 @@ def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFindin
         )
 
 
-def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
+def _uncovered_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
     """Return the length of the straight from `a` to `b` outside of `others`, since links may cross belts."""
     places = np.linspace(a, b, SAMPLES)
     covered = np.zeros(SAMPLES, dtype=bool)
@@ -104,7 +104,7 @@ def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
     return math.dist(a, b) * (1.0 - float(covered.mean()))
 
 
-def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
+def _check_duplicate_links(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
     seen: dict[str, int] = {}
     for index, link in links:
         link_text = repr(link)
@@ -113,7 +113,7 @@ def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
         seen.setdefault(link_text, index)
 
 
-def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
+def _next_lane(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
     """Return the lane that follows the end of `lane` by a link, or None."""
     end_m = lane.line.length_m - AT_END_M
     for link in links:
@@ -125,7 +125,7 @@ def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
 def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
     owners: dict[str, str] = {}
     for bay, name in bays.items():
-        target = _goes_on(lanes[name], links)
+        target = _next_lane(lanes[name], links)
         if target is not None:
             yield error(
                 f"bays.{bay}",
@@ -136,7 +136,7 @@ def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lane
         owners.setdefault(name, bay)
 
 
-def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
+def _check_missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
     """Yield belts that begin or end beside another one without a link to it."""
     joined_pairs = {(link.source, link.target) for link in links}
     fed = {link.target for link in links}
@@ -144,13 +144,13 @@ def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFind
     for lane in lanes.values():
         for at_start in (False, True):
             # The end of the lane, unless it is linked
-            has_link = lane.name in fed if at_start else _goes_on(lane, links) is not None
+            has_link = lane.name in fed if at_start else _next_lane(lane, links) is not None
             if has_link:
                 continue
             place = lane.line.point_at(0.0 if at_start else lane.line.length_m)
 
             # A lane beside it. Two lanes that meet are found from both, and reported once.
-            other, position = _beside(place, lane, around.near(place), at_start=at_start)
+            other, position = _nearest_lane(place, lane, around.near(place), at_start=at_start)
             if other is None:
                 continue
             pair = (other.name, lane.name) if at_start else (lane.name, other.name)
@@ -182,7 +182,9 @@ class _Around:
         return [self._lanes[index] for index in np.flatnonzero(inside)]
 
 
-def _beside(place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool) -> tuple[Lane | None, float]:
+def _nearest_lane(
+    place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool
+) -> tuple[Lane | None, float]:
     """Return the nearest other lane within a belt's width of `place`, and the position on it, or None.
 
     Belts that begin or end side by side are neighbours without a handover.
@@ -214,7 +216,7 @@ def _link_text(pair: tuple[str, str], other: Lane, position: float, *, at_start:
     return f"- {{from: {source}, to: {target}}}"
 
 
-def _loose_lanes(
+def _check_loose_lanes(
     section: str, links: Sequence[LinkEntry], bays: set[str], lanes: Lanes
 ) -> Iterator[MapFinding]:
     """Yield lanes without connection, in a map with links or bays."""
@@ -230,7 +232,7 @@ def _loose_lanes(
             yield warning(where, "nothing leads to it or from it; add it to links, or give it a bay")
             continue
         needs_exit = bool(bays) and lane.name not in bays
-        if needs_exit and _goes_on(lane, links) is None:
+        if needs_exit and _next_lane(lane, links) is None:
             yield warning(
                 where, "ends without a bay and without a link; say in links where it leads, or give it a bay"
             )
@@ -238,13 +240,13 @@ def _loose_lanes(
         yield warning(section, "none has a start that is free, so nothing can be fed; free one of its links")
 
 
-def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[MapFinding]:
+def _check_circles(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[MapFinding]:
     """Yield circles that objects never leave. Without bays, objects leave where a lane has no link."""
     if not links:
         return
     exits = bays
     if not exits:
-        exits = {name for name, lane in lanes.items() if _goes_on(lane, links) is None}
+        exits = {name for name, lane in lanes.items() if _next_lane(lane, links) is None}
 
     # Graph of links: one follows another if it leaves the lane behind where that enters it
     pairs = _following_links(links, lanes)

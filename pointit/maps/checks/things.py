@@ -171,7 +171,7 @@ def check_things(
         if solid.contains(inner.center_m):  # as is the case if more than half of it is inside
             yield warning(f"things.{inner.id}", f"lies in {outer.id}; move it, or make {outer.id} smaller")
     for x, y in places_m:
-        yield from _confused(things, solids, (x, y, EYES_M))
+        yield from _check_confused(things, solids, (x, y, EYES_M))
 
 
 def _check_unplaced(file: MapFile) -> Iterator[MapFinding]:
@@ -251,10 +251,12 @@ def line_places(file: MapFile) -> list[Vec3]:
     return places
 
 
-def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3) -> Iterator[MapFinding]:
+def _check_confused(
+    things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3
+) -> Iterator[MapFinding]:
     """Yield the pairs of things that pointing does not tell apart from `eyes_m`, the nearest first."""
     near: list[tuple[float, str, str]] = []
-    for one, other in _near(things, eyes_m):
+    for one, other in _close_pairs(things, eyes_m):
         apart_deg = _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)
         if apart_deg < APART_DEG:
             near.append((apart_deg, things[one].id, things[other].id))
@@ -290,7 +292,7 @@ def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[i
         eyes_m = (x, y, EYES_M)
         confused = set[int]()
         confused_pairs = list[tuple[int, int]]()
-        for one, other in _near(things, eyes_m):
+        for one, other in _close_pairs(things, eyes_m):
             if {one, other} <= confused:  # a further pair of theirs, which is slow to measure
                 continue
             start_m = things[one].center_m
@@ -323,7 +325,7 @@ def separability(
     return share
 
 
-def _near(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
+def _close_pairs(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
     """Yield pairs that may be as near to each other, by the balls around them."""
     reach = np.array([thing.center_m for thing in things]).reshape(-1, 3) - eyes_m
     range_m = np.linalg.norm(reach, axis=1) + 1e-9
@@ -385,7 +387,7 @@ def check_lamps(
             )
 
     # Lamps too few or too close to one another for a pose
-    for index, other in _at_one_place(places):
+    for index, other in _lamps_at_one_place(places):
         yield error(
             f"lamps.{names[index]}",
             f"is where {names[other]} is, {places[index].tolist()}; correct one of them",
@@ -398,14 +400,14 @@ def check_lamps(
             "lamps",
             f"{count_text} and localizing by pointing needs two; add lamps, or say where people stand",
         )
-    elif _one_bearing([lamp.position for lamp in lamps.values()], person_m):
+    elif _have_one_bearing([lamp.position for lamp in lamps.values()], person_m):
         arrangement = "one above the other"
         if person_m is not None:
             arrangement = f"in one direction from {list(person_m)}"
         yield error("lamps", f"all lie {arrangement}, which determines no position; move one of them aside")
 
 
-def _at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _lamps_at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Return pairs of a lamp and an earlier one where it is, at most one a lamp."""
     # Exactly at one place
     distinct, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
@@ -428,7 +430,7 @@ def _at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     return sorted(twins.items())
 
 
-def _one_bearing(places: Sequence[Vec3], person_m: tuple[float, float] | None) -> bool:
+def _have_one_bearing(places: Sequence[Vec3], person_m: tuple[float, float] | None) -> bool:
     flat = np.array(places)[:, :2]
     if person_m is None:
         return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)

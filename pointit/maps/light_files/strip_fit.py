@@ -264,18 +264,18 @@ def no_note(_: str) -> None:
 
 
 def named_strips(
-    found: Iterable[tuple[str, int, FittedStrip]], names: Container[str], on_note: Note = no_note
+    fitted: Iterable[tuple[str, int, FittedStrip]], names: Container[str], on_note: Note = no_note
 ) -> dict[str, StripEntry]:
     """Return entries of strips, given by name (`""`: none), number of the first pixel, and line."""
-    found = list(found)
-    if len(found) > MAX_STRIPS:
+    fitted = list(fitted)
+    if len(fitted) > MAX_STRIPS:
         raise ConfigError(
-            f"gives {len(found)} strips, limit {MAX_STRIPS}; set gap to the longest step within a strip, or "
+            f"gives {len(fitted)} strips, limit {MAX_STRIPS}; set gap to the longest step within a strip, or "
             "split the file"
         )
     strips: dict[str, StripEntry] = {}
     end = 0
-    for name, first, strip in found:
+    for name, first, strip in fitted:
         # The name of the file, or one like it that neither the file nor the map has
         plain = valid_name(name)
         key = name

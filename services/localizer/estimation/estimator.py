@@ -233,7 +233,7 @@ def check_solution(
     if distance_m > FARTHEST_TARGET_M or not is_finite:
         return Refusal(ONE_VIEW if _is_one_view(rays) else NO_COMMON_POINT)
     if residual_rad > limit_rad:
-        return Refusal(_missed(residual_rad, rays, limit_rad), residual_rad)
+        return Refusal(_miss_text(residual_rad, rays, limit_rad), residual_rad)
     max_bias_rad = settings.bias_sigma_limit * settings.bias_sigma_rad
     if abs(solution.bias_rad - settings.bias_rad) > max_bias_rad:
         return Refusal(
@@ -242,11 +242,11 @@ def check_solution(
             residual_rad,
         )
     if not settings.accepts(solution):
-        return Refusal(_unsure(solution, rays, settings), residual_rad)
+        return Refusal(_uncertainty_text(solution, rays, settings), residual_rad)
     return solution
 
 
-def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
+def _miss_text(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     if _is_one_view(rays):
         return ONE_VIEW
     limit_deg = math.degrees(limit_rad)
@@ -256,8 +256,8 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
     )
 
 
-def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
-    stated = _stated(solution, settings)
+def _uncertainty_text(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
+    stated = _stated_uncertainty(solution, settings)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
     if float(np.max(np.abs(rays.heights))) < LEVEL_M:
@@ -273,7 +273,7 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 
 
-def _stated(solution: Solution, settings: SolverSettings) -> str:
+def _stated_uncertainty(solution: Solution, settings: SolverSettings) -> str:
     sigma_m = min(solution.position_sigma_m, 99.0)
     sigma_deg = min(math.degrees(solution.yaw_sigma_rad), 180.0)
     if not solution.scatter:

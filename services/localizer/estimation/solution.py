@@ -476,11 +476,11 @@ class Solution:
 
         The latency of the tracker does not count, since it moves both equally.
         """
-        off = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
-        off[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)
+        difference = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
+        difference[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)
         both = self.timely + other.timely
         both[2, 2] += drift_rad**2
-        return float(off @ np.linalg.solve(both, off))
+        return float(difference @ np.linalg.solve(both, difference))
 
     @property
     def yaw_sigma_rad(self) -> float:

@@ -28,7 +28,7 @@ def connections(account: str, count: int, first: int = 0) -> list[LimitedConnect
     ]
 
 
-def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named() -> None:
+def test_newest_connections_beyond_the_limit_are_cut_and_named() -> None:
     limits = ConnectionLimits()
     old = connections("lab/anna", MAX_CONNECTIONS)
     ben = connections("lab/ben", 3, 5000)
@@ -62,7 +62,7 @@ def test_connection_whose_identity_becomes_known_late_is_as_old_as_it_is() -> No
     assert limits.excess([first, second], ROLES)[0] == [second]
 
 
-def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cut() -> None:
+def test_quic_connections_beyond_the_limit_are_named_with_a_remedy() -> None:
     roles = {"lab/dashboard1": "dashboard"}
     own = [
         dataclasses.replace(connection, address=connection.address.replace("tls/", "quic/"))

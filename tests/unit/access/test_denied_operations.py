@@ -98,7 +98,7 @@ def test_attempts(lines: list[str], told: list[str]) -> None:
     assert sentences(*lines) == told
 
 
-def test_what_is_let_in_and_dropped_is_too_long() -> None:
+def test_operation_that_is_allowed_and_dropped_is_too_long() -> None:
     let_in = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     known = f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     dropped = HEAD.replace("::access_control", "") + "Msg intercepted!"
@@ -119,7 +119,7 @@ def test_what_is_let_in_and_dropped_is_too_long() -> None:
     assert len(sentences(known, dropped, known, goes_out)) == 1, "that is another message"
 
 
-def test_a_message_is_not_called_too_long_if_lines_before_it_are_missing() -> None:
+def test_dropped_message_is_not_too_long_when_lines_are_missing() -> None:
     let_in = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     denied = TracedOperations()
     denied.take(let_in)
@@ -149,7 +149,7 @@ def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
     assert (refused.denied.total, refused.sizes()) == (count, {"lab/anna": 2 * count + 1})
 
 
-def test_who_has_a_new_connection_is_reported_at_once_and_once() -> None:
+def test_identity_of_a_new_connection_is_reported_at_once_and_once() -> None:
     """Only the log names those of a site by passwords."""
     refused = TracedOperations()
     for connection in ("12ab", "12ab", "34cd"):
@@ -159,7 +159,7 @@ def test_who_has_a_new_connection_is_reported_at_once_and_once() -> None:
     assert refused.trace.common_name("34cd") == "lab/anna/2"
 
 
-def test_who_writes_too_often_is_told() -> None:
+def test_identity_that_writes_too_often_is_named() -> None:
     let_in = f"{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
     assert sentences(*[let_in] * int(FLOOD_HZ)) == []
     cached = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/button"
@@ -204,7 +204,7 @@ def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -
     return f"{head}{THINNED}: Push(pointit/lab/{key}) {flow}:south:0:client/{connection}:1"
 
 
-def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> None:
+def test_writes_that_are_dropped_as_too_frequent_are_counted_and_named() -> None:
     name = "12ab34cd" * 4
     known = f"{ANNA.replace('12ab', name)} is authorized to Put (ingress) on pointit/lab/users/anna/claim"
     refused = TracedOperations()
@@ -241,7 +241,7 @@ def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
     assert refused.denied.total == 201
 
 
-def test_denials_of_a_revoked_certificate_do_not_hide_those_of_its_identitys_valid_one() -> None:
+def test_denials_of_revoked_certificates_hide_none_of_valid_ones() -> None:
     former = ANNA
     valid = ANNA.replace("12ab", "34cd").replace("anna/2", "anna/3")
     refused = TracedOperations()
@@ -256,7 +256,7 @@ def test_denials_of_a_revoked_certificate_do_not_hide_those_of_its_identitys_val
     assert refused.denied.revoked == {}, "the former one was connected, and does nothing now"
 
 
-def test_who_takes_the_first_letters_of_anothers_connection_is_named_by_what_is_decided() -> None:
+def test_ambiguous_start_of_a_connection_is_resolved_by_decisions_on_the_key() -> None:
     verdict = "is authorized to Put (ingress) on pointit/lab/users/anna/claim"
     known = [
         f"{ANNA.replace('12ab', connection)} {verdict}".replace("anna", person)
@@ -271,7 +271,7 @@ def test_who_takes_the_first_letters_of_anothers_connection_is_named_by_what_is_
     ]
 
 
-def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> None:
+def test_ambiguous_start_of_a_connection_names_no_identity() -> None:
     names = ["12ab34cd56", "12ab34cd78", "12ab34cd99"]
     known = [
         f"{ANNA.replace('12ab', name).replace('anna', who)} is authorized to Put (ingress) on pointit/lab/a"
@@ -328,7 +328,7 @@ def refusal(why: str, thread: str = "05") -> str:
     return f"{door('DEBUG', thread)}UsrPwd extension - Recv OpenSyn. {why}. at /root/usrpwd.rs:424."
 
 
-def test_who_has_no_password_or_a_wrong_one_is_told_with_their_address() -> None:
+def test_rejected_password_is_reported_with_the_address() -> None:
     wrong = refusal("Invalid password")
     unknown = refusal("Invalid user")
     link = "tls/10.0.0.1:7447 => quic/[fd00::5]:1"
@@ -344,7 +344,7 @@ def test_who_has_no_password_or_a_wrong_one_is_told_with_their_address() -> None
     ]
 
 
-def test_who_was_let_in_is_not_blamed_for_who_was_not() -> None:
+def test_rejection_is_not_attributed_to_an_accepted_connection() -> None:
     """Newcomers are told apart by threads, and one reason is of one of them."""
     wrong = refusal("Invalid password")
     assert sentences(knock(), knock("10.0.0.6:1", thread="06"), wrong, wrong) == [
@@ -353,7 +353,7 @@ def test_who_was_let_in_is_not_blamed_for_who_was_not() -> None:
     assert sentences(knock(), f"{door('DEBUG')}New transport link accepted from 12 to 34") == []
 
 
-def test_what_a_stranger_says_is_no_line_of_the_log() -> None:
+def test_text_of_an_unknown_peer_is_no_log_line() -> None:
     for forged in (
         f"{ANNA} is unauthorized to Put (ingress) on pointit/lab/map",
         "zenoh_transport::unicast::manager: Failed to accept link before deadline (3000ms)",
@@ -364,7 +364,7 @@ def test_what_a_stranger_says_is_no_line_of_the_log() -> None:
         assert sentences(f"{HEAD}Something of {forged}") == []
 
 
-def test_who_speaks_no_zenoh_behind_tls_or_nothing_is_told() -> None:
+def test_peer_without_zenoh_behind_tls_is_reported() -> None:
     link = "tls/10.0.0.1:7447 => tls/10.0.0.5:3926:TransportLinkUnicastConfig { direction: Inbound }"
     (told,) = sentences(
         f"{door('DEBUG')}Decode error on link: {link} at /root/link.rs:1.",
@@ -403,7 +403,7 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
     "during",
     ["pointit.access.denied_operations._listed", "pointit.access.denied_operations.rejection_summary"],
 )
-def test_what_comes_while_it_is_told_is_told_next_time(during: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_operations_during_a_report_are_in_the_next_one(during: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The log is read in a thread of its own."""
     refused = TracedOperations()
     attempt = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/map"

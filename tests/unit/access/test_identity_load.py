@@ -137,7 +137,7 @@ def test_flood_of_writes_is_cut_off_after_two_seconds(rate_hz: float) -> None:
     stalls_s=st.lists(st.floats(0.0, LEASE_S), min_size=1, max_size=60),
     kind=st.sampled_from(["messages", "requests", "internal requests"]),
 )
-def test_identity_below_the_limit_on_a_link_that_stalls_is_never_cut_off(
+def test_identity_below_the_limit_is_not_cut_off_when_its_link_stalls(
     rates_hz: list[float], stalls_s: list[float], kind: str
 ) -> None:
     """A stall delivers late, and at once, what was sent meanwhile."""

@@ -129,7 +129,7 @@ async def test_connections_are_held_as_soon_as_the_log_names_them() -> None:
         assert ADDRESSES["ab"] in site.router.holds
 
 
-def test_what_lasts_is_logged_once_and_again_after_it_was_quiet() -> None:
+def test_lasting_excess_is_logged_once_and_again_after_quiet() -> None:
     logged = LoggedOnce()
     counted = [
         {DENIED: {"lab/anna": f"lab/anna may not write x ({count} times): refused"}} for count in (5, 7)

@@ -81,7 +81,7 @@ def test_late_joiners_are_granted_with_the_key(role: Role) -> None:
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_what_a_right_grants_can_be_tested(role: Role) -> None:
+def test_each_right_grants_its_own_test(role: Role) -> None:
     rights = rights_of(role, "anna")
     rules = rules_of("lab", "anna", rights)
     for verb in ("writes", "reads", "serves", "asks"):
@@ -132,7 +132,7 @@ def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str)
     assert not {row.at(topics.ANY) for row in of_people_and_operators} & set(rights_of("ros2", "ros2").asks)
 
 
-def test_services_that_read_movements_or_switch_things_have_an_identity_of_their_own() -> None:
+def test_services_with_more_rights_have_an_identity_of_their_own() -> None:
     shared = rights_of("services", "services")
     capture = rights_of("service", "mocap")
     home = rights_of("service", "home-assistant")
@@ -199,7 +199,7 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     assert configuration([routed()])["downsampling"] == [people, history]
 
 
-def test_each_key_that_a_person_may_write_but_samples_and_rays_has_a_rate_of_its_own() -> None:
+def test_each_key_of_a_person_but_samples_and_rays_has_a_rate() -> None:
     people, _history = configuration([routed()])["downsampling"]
     assert (people["messages"], people["flows"]) == (["put"], ["ingress"])
     assert "link_protocols" not in people
@@ -219,7 +219,7 @@ def test_each_key_that_a_person_may_write_but_samples_and_rays_has_a_rate_of_its
     assert rates_hz["pointit/lab/users/anna/claim"] < rates_hz["pointit/lab/users/anna/cursor"]
 
 
-def test_what_is_written_is_what_zenoh_takes() -> None:
+def test_configuration_is_accepted_by_zenoh() -> None:
     zenoh.Config.from_json5(to_json5([routed(dashboard_rate_hz=20.0, uplinks=("tls/building:7447",))]))
 
 
@@ -252,7 +252,7 @@ def test_a_right_that_is_missing_is_no_rule() -> None:
     assert all("users" not in key for rule in rules for key in rule["key_exprs"])
 
 
-def test_who_has_no_rights_any_more_has_a_rule_that_lets_nothing_in() -> None:
+def test_former_identities_have_a_rule_that_admits_nothing() -> None:
     """Without a rule Zenoh would deny as much, and not log who tried."""
     made = configuration([replace(routed(), former=["lab/anna/1", "lab/gone/3"])])["access_control"]
     (subject,) = (each for each in made["subjects"] if "lab/gone/3" in each["cert_common_names"])
@@ -267,7 +267,7 @@ def test_person_whose_name_begins_like_a_runs_tells_no_deployment() -> None:
 
 
 @pytest.mark.parametrize("role", [role for role in ROLES if role != "dashboard"])
-def test_who_reads_selection_events_and_does_more_than_view_may_ask_for_those_of_before(role: Role) -> None:
+def test_history_may_be_queried_by_readers_of_selection_events_except_viewers(role: Role) -> None:
     rights = rights_of(role, "foxglove")  # the name of a service, for the role of single services
     reads, asks = ({ALL, row.at()} for row in (SELECTION_EVENTS, READ_HISTORY))
     assert reads & set(rights.reads)

@@ -84,7 +84,7 @@ def test_certificates_say_who_it_is_and_for_how_long(tmp_path: Path) -> None:
     assert link.endpoints == ("tls/router:7447", "tls/10.0.0.1:7447", "tls/[fd00::1]:7447")
 
 
-def test_what_is_renewed_or_comes_back_is_never_the_same_again(tmp_path: Path) -> None:
+def test_renewed_and_readded_identities_have_new_generations(tmp_path: Path) -> None:
     site = site_of(tmp_path)
 
     def known() -> list[str]:
@@ -184,7 +184,9 @@ def by_password(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("held", [b"", b"\xff\xfegeheim", b"geheim\ngeheim", b"ge heim"])
-def test_what_is_no_password_is_told_without_it(tmp_path: Path, by_password: Path, held: bytes) -> None:
+def test_invalid_password_file_is_reported_without_its_content(
+    tmp_path: Path, by_password: Path, held: bytes
+) -> None:
     file = Path(shutil.copytree(by_password, tmp_path / "anna")) / "password"
     file.write_bytes(held)
     with pytest.raises(ConfigError, match=r"password: is not a password made by `pointit site`") as told:
@@ -273,7 +275,7 @@ def test_names_that_cannot_be_given_are_told_apart(users: str, sentence: str, tm
     assert not path.exists()
 
 
-def test_what_ends_soon_is_warned_of(tmp_path: Path) -> None:
+def test_certificate_that_expires_soon_causes_a_warning(tmp_path: Path) -> None:
     path = str(tmp_path / "lab")
     site_command("init", "lab", "--folder", path, "--days", "20", "--guests", "0")
     result = site_command("show", "--folder", path)

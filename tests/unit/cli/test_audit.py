@@ -118,7 +118,7 @@ def test_since_is_understood(text: str, expected: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["soon", "5 weeks", "2023-13-01", "-3h", "9" * 400 + "d"])
-def test_what_is_no_time_is_refused(text: str) -> None:
+def test_since_rejects_a_text_that_is_no_time(text: str) -> None:
     with pytest.raises(ConfigError, match="not a time"):
         since_ns(text, NOW)
 

@@ -44,7 +44,7 @@ def anchor(index: int, time_s: float, yaw_rad: float, true_yaw_rad: float, low_r
 
 
 @pytest.mark.parametrize("count", [1, 3, 4, 7])
-def test_a_heading_that_the_first_anchor_set_right_is_no_error_of_the_person(count: int) -> None:
+def test_heading_that_the_first_anchor_corrected_is_no_offset(count: int) -> None:
     anchors = [anchor(k, 4.0 * k, 0.0 if k == 0 else 1.0, 1.0) for k in range(count)]
     fitted, rows = calibrate_user.assess(anchors, 99)
     assert fitted.dropped == ()
@@ -93,7 +93,7 @@ def doubt(anchors: Sequence[Anchor]) -> str:
     return calibrate_user.rejection_reason(calibrate_user.assess(anchors, 0)[1])
 
 
-def test_a_pose_that_looks_wrong_is_doubted_and_one_bad_hold_is_not() -> None:
+def test_pose_is_doubted_for_scatter_but_not_for_one_outlier() -> None:
     right = [anchor(k, 4.0 * k, 0.0, 0.0) for k in range(8)]
     assert doubt(right) == ""
     assert "scatter by" in doubt([each.model_copy(update={"position_m": (3.0, 3.5, 0.0)}) for each in right])
@@ -193,7 +193,7 @@ def test_a_pose_shows_its_error_where_motion_capture_knows_it() -> None:
     assert "true error" not in "".join(pose_text.lines(pose_text.fields(known, 2 * S)))
 
 
-async def test_the_truth_of_a_person_is_that_of_the_tracker_that_sees_them() -> None:
+async def test_true_pose_is_that_of_the_tracker_that_sees_the_person() -> None:
     async with memory_bench() as bench:
         truth = LatestTruth(bench.bus, "anna")
         seen = (("mocap", "anna", "person_frame"), ("robot", "cup", "red"), ("camera", "anna", "person"))

@@ -113,7 +113,7 @@ def test_found_devices_are_shown_with_the_option_that_uses_them() -> None:
 
 
 @pytest.mark.parametrize("package", [("finds", "spaced")], indirect=True)
-def test_what_was_found_while_a_terminal_stood_still_counts(
+def test_devices_found_while_the_terminal_is_stopped_are_listed(
     package: dict[str, PluginGroup[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(device_search, "TIMEOUT_S", 0.0)
@@ -163,7 +163,7 @@ def test_json_has_addresses_labels_and_details() -> None:
 
 @pytest.mark.parametrize("package", [("blocks finds hangs raises", "adapter nonsense spaced")], indirect=True)
 @pytest.mark.usefixtures("package")
-def test_a_search_that_fails_hangs_or_blocks_is_named_and_costs_the_others_nothing() -> None:
+def test_search_that_fails_or_hangs_is_named_and_delays_no_other() -> None:
     tables = json.loads(run("--json").stdout)
     assert [row["name"] for row in tables["wrists"]] == ["finds", "finds"]
     assert [row["name"] for row in tables["lights"]] == ["spaced"]

@@ -52,7 +52,7 @@ def test_every_command_documents_itself_with_an_example_in_80_columns(path: tupl
 
 
 @pytest.mark.parametrize("path", PATHS, ids=" ".join)
-def test_help_of_a_command_has_24_lines_at_most_and_names_the_rest(path: tuple[str, ...]) -> None:
+def test_help_of_a_command_has_at_most_24_lines(path: tuple[str, ...]) -> None:
     ended = CliRunner().invoke(command, [*path, "--help"], prog_name="pointit", terminal_width=100)
     assert len(ended.output.splitlines()) <= MOST_LINES
     found = loaded(path)
@@ -119,7 +119,7 @@ def test_errors_are_wrapped_between_words() -> None:
     assert wrap_message(sentence) == sentence  # no terminal: one line, for grep
 
 
-def test_what_commands_raise_is_wrapped_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_of_commands_are_wrapped_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     def marked(text: str) -> str:
         return f"<{text}>"
 
@@ -171,7 +171,7 @@ def test_every_option_is_shown_once(words: str, asked: str) -> None:
     assert all(f"\n{heading}:\n" in text for heading in (*found.panels, "Other options"))
 
 
-def test_help_of_run_has_ten_options_and_names_the_one_that_shows_all() -> None:
+def test_help_of_run_has_ten_options_and_names_help_all() -> None:
     text = CliRunner().invoke(command, ["run", "--help"], prog_name="pointit").output
     shown = re.findall(r"^  (--[\w-]+)", text, re.MULTILINE)
     assert (len(shown), shown[-1]) == (11, "--help-all")

@@ -293,7 +293,7 @@ def test_commands_of_the_laboratory_say_what_to_install(monkeypatch: pytest.Monk
         )
 
 
-def test_the_first_version_on_the_path_counts_and_an_empty_section_has_no_commands(
+def test_commands_are_of_the_first_version_on_the_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for folder, package, text in (

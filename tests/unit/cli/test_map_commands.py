@@ -131,7 +131,7 @@ def test_findings_as_json() -> None:
     assert "49.3 a metre" in told["findings"][0]["text"]
 
 
-def test_where_a_person_stands_counts(room: Path) -> None:
+def test_check_considers_the_position_of_a_person(room: Path) -> None:
     room.write_text("lamps: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}", encoding="utf-8")
     assert invoke("check", str(room)).exit_code == 0
     assert invoke("check", str(room), "--person=0,0").exit_code == 1
@@ -190,7 +190,7 @@ def test_a_picture_shows_everything_by_name(room: Path) -> None:
     assert expected <= written(str(room), (-1.0, 0.5))
 
 
-def test_what_a_map_lacks_is_not_in_the_legend() -> None:
+def test_legend_has_only_contents_of_the_map() -> None:
     texts = written("lab")
     assert "strip" in texts
     assert not {"link", "point cloud", "bay, where things leave"} & texts

@@ -174,7 +174,7 @@ def test_devices_and_links_stay_what_they_are(graph: Graph, tmp_path: Path) -> N
     assert fetch("-o", "-").stdout == fetch().stdout != ""
 
 
-def test_a_map_with_an_error_is_told_as_by_map_check_and_not_written(graph: Graph, tmp_path: Path) -> None:
+def test_fetched_map_with_an_error_is_reported_and_not_written(graph: Graph, tmp_path: Path) -> None:
     path = tmp_path / "site.yaml"
     graph.has(parameters_of(TREE) | {"lamps.door.position": [-1.5, 3.2, -1.8], "bays.8": "mian"})
     result = fetch("-o", str(path))
@@ -230,7 +230,7 @@ def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp
         ),
     ],
 )
-def test_what_is_no_map_is_one_sentence(
+def test_parameters_without_a_map_are_one_sentence(
     graph: Graph, parameters: dict[str, Any], words: str, said: str
 ) -> None:
     graph.has(parameters)
@@ -270,7 +270,7 @@ def test_options_are_checked(graph: Graph) -> None:
     assert not graph.configs
 
 
-def test_what_was_typed_wrong_is_one_sentence() -> None:
+def test_wrong_arguments_are_one_sentence() -> None:
     result = CliRunner().invoke(command, ["map", "fetch", "pui node"])
     assert result.exit_code == 2
     assert "NODE 'pui node': not a full node name; write one like /pui_node" in result.output

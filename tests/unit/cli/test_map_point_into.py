@@ -88,7 +88,7 @@ async def test_imported_things_get_their_centers_and_the_site_uses_them_at_once(
     assert b"  c: {home_assistant: light.c, label: Lamp c}" in content_of(file)
 
 
-async def test_a_site_that_uses_a_shipped_map_is_said_not_to_use_the_file(
+async def test_site_with_a_shipped_map_is_reported_to_use_another_file(
     file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     async def use_map(_query: UseMap, _name: str) -> UseMapReply:

@@ -62,7 +62,7 @@ def test_a_line_is_yaml(tree: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "code", [0x1B, 0x7F, 0x85, 0x9B, 0x9F, 0x200B, 0x2028, 0x2029, 0x202E, 0x2066, 0xFEFF]
 )
-def test_what_commands_terminals_is_escaped(code: int) -> None:
+def test_control_characters_are_escaped(code: int) -> None:
     """U+009B begins a command as ESC [ does."""
     tree = {"who": f"a{chr(code)}2Jb", f"k{chr(code)}": 1, "plain": "äß→"}
     line = to_line(tree)
@@ -111,7 +111,7 @@ def test_cells_take_text_as_it_is() -> None:
     assert [cell(value).plain for value in (0, 0.0, ["a", "b"])] == ["0", "0", "a, b"]
 
 
-def test_what_others_wrote_commands_no_terminal() -> None:
+def test_text_of_others_controls_no_terminal() -> None:
     screen = Console(record=True, width=80, force_terminal=True, color_system=None)
     rows = ({"plain": "a\x1b[2Jb", "styled": Text("c\x9b2Jd", style="red"), "two lines": "e\nf"},)
     with screen.capture() as shown:

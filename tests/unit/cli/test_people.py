@@ -36,7 +36,7 @@ async def test_it_presses_and_returns_what_followed() -> None:
         ]
 
 
-async def test_what_changes_nothing_is_answered_too() -> None:
+async def test_press_without_an_effect_has_an_answer() -> None:
     async with memory_bench() as bench:
         bench.start(Supervisor, user=ANNA)
         await bench.settle()
@@ -84,7 +84,9 @@ async def test_a_supervisor_that_hangs_is_one_sentence() -> None:
 
 
 @pytest.mark.parametrize(("phase", "called_off"), [("idle", ["cancel"]), ("sampling", [])])
-async def test_who_gives_up_leaves_no_lamp(phase: Literal["idle", "sampling"], called_off: list[str]) -> None:
+async def test_anchor_that_is_given_up_leaves_no_lamp_lit(
+    phase: Literal["idle", "sampling"], called_off: list[str]
+) -> None:
     asked: list[str] = []
 
     async def point(_query: models.PointAnchor, _user: str) -> models.Done:

@@ -91,7 +91,7 @@ def test_a_simulated_room_is_open_to_this_machine_only(started: Started) -> None
         (("--simulated", "-o", "no/where.yaml"), "no/where.yaml: there is no folder no"),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_starts(
+def test_wrong_options_of_a_scan_are_reported_before_the_start(
     started: Started, arguments: tuple[str, ...], sentence: str
 ) -> None:
     Path("there.yaml").write_text("mine")

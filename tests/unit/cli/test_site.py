@@ -125,7 +125,7 @@ def standing(rows: list[dict[str, object]]) -> dict[object, tuple[object, ...]]:
     return {row["name"]: (row["state"], row["until"], row["own"]) for row in rows}
 
 
-def test_where_the_sites_folder_is_at_hand_everybody_is_told_of(site: SiteFolder) -> None:
+def test_all_identities_are_shown_when_the_site_folder_is_available(site: SiteFolder) -> None:
     credentials = read_credentials(site.identity_folder("operator"), NOW)
     expected = {
         "anna": ("revoked", "2027-01-01", False),
@@ -139,7 +139,7 @@ def test_where_the_sites_folder_is_at_hand_everybody_is_told_of(site: SiteFolder
     assert not any(row["own"] for row in visible_rows(None, site.path, LATER))
 
 
-def test_elsewhere_the_own_identity_is_told_of(site: SiteFolder, tmp_path: Path) -> None:
+def test_own_identity_is_shown_without_the_site_folder(site: SiteFolder, tmp_path: Path) -> None:
     carried = tmp_path / "elsewhere" / "operator"
     shutil.copytree(site.identity_folder("operator"), carried)
     credentials = read_credentials(carried, NOW)
@@ -169,6 +169,6 @@ def test_passwords_do_not_end(tmp_path: Path) -> None:
     assert (table["operator (this one)"], table["router"]) == ("by password", "2027-01-01")
 
 
-def test_what_has_ended_is_expired(site: SiteFolder) -> None:
+def test_certificate_past_its_end_is_expired(site: SiteFolder) -> None:
     (row,) = rows_of(site.state(), ["operator"], NOW + dt.timedelta(days=366))
     assert row["state"] == "expired"

@@ -175,7 +175,7 @@ def test_messages_of_one_capture_are_one_sample_in_any_order() -> None:
         assert path.processes["ray"] == "process of ray"
 
 
-def test_a_sample_is_judged_once_when_it_has_settled_and_later_messages_are_no_sample() -> None:
+def test_sample_is_judged_once_and_later_messages_are_no_sample() -> None:
     joined = joiner()
     add(joined, "imu", 1)
     assert joined.settled(LATER_S - 0.001) == []
@@ -194,7 +194,7 @@ def test_of_two_messages_for_a_hop_the_first_published_counts() -> None:
     assert path.total_s("cursor") == pytest.approx(0.004)
 
 
-def test_a_lost_hop_has_no_time_and_the_next_one_has_no_delta() -> None:
+def test_lost_hop_has_no_time_and_the_next_no_delta() -> None:
     joined = joiner()
     add(joined, "imu", 1)
     add(joined, "cursor", 6)

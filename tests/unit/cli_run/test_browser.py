@@ -44,7 +44,7 @@ def is_littered(home: Path) -> bool:
 
 
 @pytest.mark.parametrize("has_snaps", [False, True])
-async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_the_token(
+async def test_browser_gets_a_file_instead_of_the_token(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], bus: MemoryBus, *, has_snaps: bool
 ) -> None:
     if not has_snaps:

@@ -153,7 +153,7 @@ def test_several_pages_of_a_site_have_names_of_their_own() -> None:
     assert made.launch().instance == made.instance
 
 
-def test_what_was_set_by_hand_is_checked_before_the_start() -> None:
+def test_page_parameters_set_by_hand_are_checked_before_the_start() -> None:
     assert page_with().is_usual
     assert page_with(lan=True, port=0).is_usual
     assert not page_with("web.host=0.0.0.0").is_usual
@@ -205,7 +205,7 @@ def test_page_of_a_secured_site_has_its_own_process(tmp_path: Path) -> None:
     assert RunPage(page_with()).needs_own_process(link)
 
 
-def test_run_does_not_import_the_server_of_a_page_with_its_own_process() -> None:
+def test_run_imports_no_server_when_the_page_has_its_own_process() -> None:
     script = (
         "import sys; from types import SimpleNamespace as Bus\n"
         "from pointit.cli.page import RunPage; from pointit.launch.page import page_of\n"
@@ -238,12 +238,12 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
     assert not set(done.stdout.split()) & {"starlette", "uvicorn", "cryptography", "segno", "mcap"}
 
 
-def test_what_is_asked_of_the_page() -> None:
+def test_settings_of_the_page_are_recognized() -> None:
     assert is_asked_of_page(["pui.map=lab", "web.rate_hz=3"])
     assert not is_asked_of_page(["pui.map=web"])
 
 
-def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
+def test_reported_command_line_has_no_secrets() -> None:
     typed = ["run", "--set", "web.operator_token=abc", "--set", "web.port=1", "--set=web.viewer_token=def"]
     told = redact_secrets(typed)
     assert told == ["run", "--set", "web.operator_token=…", "--set", "web.port=1", "--set=web.viewer_token=…"]
@@ -328,7 +328,7 @@ def test_no_page_and_something_of_it(monkeypatch: pytest.MonkeyPatch, arguments:
     assert "web is not among what this starts" in sentence
 
 
-def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(
+def test_run_without_the_extra_has_notes_at_start_and_end(
     monkeypatch: pytest.MonkeyPatch, plans: list[Plan]
 ) -> None:
     remedy = "the page needs `scripts/setup web` in the folder of PointIt"
@@ -348,7 +348,7 @@ def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[st
     assert "There was no page." not in capsys.readouterr().out
 
 
-def test_a_run_has_the_link_of_the_last_until_a_new_one_is_wanted(
+def test_run_keeps_the_stored_link_without_new_link(
     monkeypatch: pytest.MonkeyPatch, plans: list[Plan]
 ) -> None:
     mine = ("--set", "web.operator_token=a-token-of-mine")
@@ -380,7 +380,7 @@ def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
 LINK = "http://127.0.0.1:8090/?token=of-the-operator"
 
 
-def test_link_file_is_there_as_long_as_the_page_and_leads_to_the_first_of_its_links() -> None:
+def test_link_file_exists_with_the_page_and_redirects_to_its_first_link() -> None:
     with page_link_file("lab", LINK, "", "https://192.168.1.5:8443/?token=x") as path:
         assert path is not None
         text = path.read_text(encoding="utf-8")
@@ -400,7 +400,7 @@ def test_only_a_terminal_is_shown_the_token(
     assert where(LINK, None).startswith("http://127.0.0.1:8090/")
 
 
-def test_a_terminal_without_a_view_is_shown_the_token_which_the_log_hides(
+def test_terminal_without_a_view_shows_the_token_that_the_log_hides(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")
@@ -421,7 +421,7 @@ def test_link_that_cannot_be_kept_is_a_warning(
 
 
 @pytest.mark.parametrize("content", [None, b"", b"plainly no recording"])
-def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path: Path, content: bytes | None) -> None:
+def test_page_rejects_a_file_that_is_no_recording(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "lab.mcap"
     if content is not None:
         path.write_bytes(content)

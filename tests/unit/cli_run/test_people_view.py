@@ -78,7 +78,7 @@ def styled(monitor: Monitor, text: str, width: int = 100) -> list[Segment]:
     return [segment for line in lines for segment in line if text in segment.text]
 
 
-def test_battery_gaps_and_signal_of_a_wrist_are_shown_if_it_has_them() -> None:
+def test_battery_gaps_and_signal_of_a_wrist_are_shown() -> None:
     monitor = localized()
     told = (Figure(name=RATE, value=99.6, unit="Hz"), Figure(name=GAPS, value=0.0, unit="/min"))
     about: dict[str, Any] = {"service": "imu-bridge", "instance": "imu-bridge.anna", "user": "anna"}
@@ -92,7 +92,7 @@ def test_battery_gaps_and_signal_of_a_wrist_are_shown_if_it_has_them() -> None:
     assert "yellow" in str(styled(monitor, "battery 7 %")[0].style)
 
 
-def test_what_is_not_known_is_not_claimed() -> None:
+def test_unknown_values_are_shown_as_unknown() -> None:
     monitor = localized()
     monitor.poses["anna"] = UserPose(stamp_ns=1, position_m=(2.0, 0.5, 0.0), yaw_rad=0.0)
     told = row(monitor, "anna")
@@ -151,7 +151,7 @@ def test_a_localization_in_progress_is_shown() -> None:
     assert "3 samples" not in "\n".join(shown(monitor, 100))
 
 
-def test_who_points_past_is_told_where_in_place_of_what_to_do_next() -> None:
+def test_cue_of_pointing_past_replaces_the_next_step() -> None:
     monitor = monitor_of()
     monitor.interactions["anna"] = Interaction(stamp_ns=1, state="pointing", next_step="Point at things.")
     passed = Passed(point_m=(0.0, 0.0, 0.0), right_rad=0.0, up_rad=0.3, text="you point 15° below belt a")

@@ -85,7 +85,9 @@ def test_a_run_without_names_says_nothing_of_them() -> None:
         ),
     ],
 )
-def test_what_cannot_be_announced_is_refused(arguments: tuple[str, ...], sentence: str) -> None:
+def test_announce_is_rejected_when_nothing_can_be_announced(
+    arguments: tuple[str, ...], sentence: str
+) -> None:
     with pytest.raises(ConfigError, match=re.escape(sentence)):
         printed(command, "run", *arguments, "--duration", "1")
 

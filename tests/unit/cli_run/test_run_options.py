@@ -84,7 +84,7 @@ def scenario(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_the_person_follows_the_robot_and_the_robot_knows_about_where_they_stand(scenario: str) -> None:
+def test_localized_person_follows_the_robot_near_their_place(scenario: str) -> None:
     for value, robot in (("robot", "quad"), ("robot:rover", "rover")):
         choices = Choices(localize=True, robot=robot_of(value))
         planned = scenario_launches(read_scenario(scenario), choices, 1)
@@ -104,7 +104,7 @@ def test_the_person_follows_the_robot_and_the_robot_knows_about_where_they_stand
         (Choices(localize=True, robot="", targets=3), "--targets 3: --localize robot has no lamps"),
     ],
 )
-def test_what_cannot_be_is_refused(scenario: str, choices: Choices, message: str) -> None:
+def test_contradictory_options_are_rejected(scenario: str, choices: Choices, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         scenario_launches(read_scenario(scenario), choices, 1)
     with pytest.raises(ConfigError, match=r"--localize robot: .* has no robot"):
@@ -136,7 +136,7 @@ def test_options_as_typed() -> None:
     assert typed.poses == (FloorPose(x_m=-1.0, y_m=2.0), FloorPose(x_m=3.0, y_m=4.0, yaw_deg=5.0))
 
 
-def test_people_stand_where_they_are_told_in_turn_and_the_rest_where_the_scenario_says() -> None:
+def test_people_without_a_pose_stand_at_places_of_the_scenario() -> None:
     choices = Choices(poses=(FloorPose(x_m=1.0, y_m=-2.0, yaw_deg=30.0), FloorPose(x_m=0.5, y_m=0.0)))
     for index, (place, yaw_deg) in enumerate([((1.0, -2.0, 0.0), 30.0), ((0.5, 0.0, 0.0), 0.0)]):
         services = person(choices, index)
@@ -150,7 +150,7 @@ def test_people_stand_where_they_are_told_in_turn_and_the_rest_where_the_scenari
     assert Choices().of_one(2) == Choices()
 
 
-def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
+def test_simulated_pose_of_a_localized_person_is_given_to_no_service() -> None:
     choices = Choices(localize=True, poses=(FloorPose(x_m=1.0, y_m=2.0),))
     services = person(choices)
     assert services["user-sim"]["position_m"] == (1.0, 2.0, 0.0)
@@ -219,7 +219,7 @@ SECURED = SimpleNamespace(link=SimpleNamespace(endpoints=("tls/hall:7450",)))
         (SECURED, [], ("tls/hall:7450",)),
     ],
 )
-def test_where_a_run_listens_is_told_if_it_does(
+def test_address_of_a_run_is_reported_if_it_listens(
     credentials: object,
     arguments: list[str],
     connect: tuple[str, ...],

@@ -71,7 +71,7 @@ def marks(monitor: Monitor, name: str = "0", width: int = 100) -> str:
 
 
 @pytest.mark.parametrize("count", [1, MAX_STRIPS + 1])
-async def test_names_of_strips_are_whole_where_there_is_room_else_marked_as_cut(count: int) -> None:
+async def test_names_of_strips_are_cut_with_a_mark_without_room(count: int) -> None:
     names = ("infeed_north_left", "infeed_north_right", *(f"s{n}" for n in range(count - 1)))
     monitor = monitor_of(*(strip(name) for name in names))
     wide = "\n".join(shown(monitor, 100))
@@ -93,7 +93,7 @@ async def test_mark_shows_that_the_site_is_recorded(bus: MemoryBus) -> None:
 
 
 @pytest.mark.parametrize(("direction", "lit", "pair"), [(1, 0, (RED, BLUE)), (-1, 19, (BLUE, RED))])
-def test_two_pixels_stand_in_a_cell_from_the_start_of_the_line_to_its_end_however_it_is_wired(
+def test_cells_have_two_pixels_along_the_line_in_either_wiring(
     direction: int, lit: int, pair: tuple[object, object]
 ) -> None:
     monitor = monitor_of(strip(direction=direction))
@@ -304,7 +304,7 @@ def test_many_strips_stand_side_by_side_each_as_long_as_it_is(width: int) -> Non
     assert len(counts) == 1  # all are 4 m long
 
 
-def test_what_services_say_is_wrong_is_told_with_their_names() -> None:
+def test_warnings_of_services_are_shown_with_their_names() -> None:
     monitor = monitor_of()
     for each in (health("pui"), health("conveyor-sim", "no belt 'x'", "two")):
         monitor.health[each.instance] = each
@@ -334,7 +334,7 @@ def texts(blocks: list[TextBlock], room: int) -> str:
 @pytest.mark.parametrize(
     ("room", "left"), [(9, "abbcd"), (5, "abbcd"), (4, "abbd"), (3, "ad"), (2, "ad"), (1, "a"), (0, "a")]
 )
-def test_what_is_worth_least_goes_first_and_as_a_whole(room: int, left: str) -> None:
+def test_part_of_lowest_priority_is_left_out_first_and_whole(room: int, left: str) -> None:
     blocks = [block("a", None), block("b", (1, 0), 2), block("c", (0, 5)), block("d", (2, -1))]
     assert texts(blocks, room) == left
 
@@ -351,7 +351,7 @@ def crowd(people: int, strips: int = 22, sentence: str = "Point.") -> Monitor:
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (80, 18), (60, 24), (120, 40)])
-def test_a_view_is_no_higher_than_its_terminal_and_always_says_the_score(width: int, height: int) -> None:
+def test_view_fits_its_terminal_and_always_shows_the_score(width: int, height: int) -> None:
     lines = shown(crowd(4), width, height=height)
     assert len(lines) <= height
     assert "Ctrl-C ends it" in lines[-1]
@@ -367,7 +367,7 @@ def test_the_newest_news_stays_longest() -> None:
     assert any("red 2 selected" in line for line in lines)
 
 
-def test_what_all_should_do_is_said_once() -> None:
+def test_common_instruction_is_shown_once() -> None:
     monitor = crowd(3)
     assert sum("Point." in line for line in shown(monitor)) == 1
     assert any("everybody: Point." in line for line in shown(monitor))
@@ -418,14 +418,14 @@ async def after(*told: UserPose | Localization) -> Monitor:
 
 
 @pytest.mark.parametrize("pose_first", [True, False])
-async def test_a_pose_is_kept_as_it_was_found_and_not_as_it_drifts(pose_first: bool) -> None:
+async def test_found_pose_stays_as_localized_while_it_drifts(pose_first: bool) -> None:
     found = pose(9.9, 1.0, 0.2)
     end = solved(10.0)
     monitor = await after(*((found, end) if pose_first else (end, found)), pose(60.0, 1.0, 0.9))
     assert monitor.found["anna"] == pose(9.9, 1.0, 0.2)
 
 
-async def test_who_is_found_again_is_found_there() -> None:
+async def test_second_localization_replaces_the_found_pose() -> None:
     monitor = await after(
         pose(9.9, 1.0, 0.2),
         solved(10.0),
@@ -444,7 +444,7 @@ async def test_who_is_found_again_is_found_there() -> None:
     assert monitor.found["anna"] == pose(69.9, 3.0, 0.1)  # and not the one that was still there
 
 
-async def test_an_anchor_finds_nobody_anew_and_who_was_told_was_not_found() -> None:
+async def test_anchors_and_given_poses_are_no_found_poses() -> None:
     monitor = await after(
         pose(9.9, 1.0, 0.2), solved(10.0), solved(20.0, purpose="anchor"), pose(20.0, 1.1, 0.3)
     )

@@ -76,7 +76,7 @@ def test_a_router_alone_is_no_site_that_is_well() -> None:
     assert diagnose(observation(health("router"), health("led-driver"))) == []
 
 
-def test_things_of_a_home_assistant_that_is_not_connected_are_named() -> None:
+def test_things_of_a_disconnected_home_assistant_are_named() -> None:
     finding = only(observation(WELL[2], home_things=("desk", "fan")))
     assert (finding.code, finding.severity) == ("no-bridge", "warning")
     assert "is not connected: pointing at desk and fan switches nothing there" in finding.sentence
@@ -148,7 +148,7 @@ FINDINGS: dict[str, tuple[Observation, str, str, str]] = {
 
 
 @pytest.mark.parametrize("name", FINDINGS)
-def test_each_of_these_is_one_finding(name: str) -> None:
+def test_each_fault_alone_is_one_finding(name: str) -> None:
     seen, expected, sentence, remedy = FINDINGS[name]
     finding = only(seen)
     assert f"{finding.severity} {finding.code} {finding.service}" == expected
@@ -160,13 +160,13 @@ def test_three_seconds_without_a_report_are_not_yet_silence() -> None:
     assert not diagnose(observation(present=frozenset({"pui"})))
 
 
-def test_left_while_we_looked() -> None:
+def test_service_that_leaves_during_the_observation_is_a_finding() -> None:
     finding = only(observation(WELL[2], left=frozenset({"selector"})))
     assert (finding.code, finding.severity, finding.service) == ("left", "warning", "selector")
     assert "pointit service run selector" in finding.remedy
 
 
-def test_restarted_is_not_twice() -> None:
+def test_restarted_service_is_no_duplicate() -> None:
     assert not diagnose(observation(health("pui", pid=8, uptime_s=0.5), before=[health("pui", pid=7)]))
 
 
@@ -249,13 +249,13 @@ def late(instance: str, p99_s: float, **fields: float) -> Health:
     return health(instance, latency=Quantiles(p50_s=0.05, p99_s=p99_s), **fields)
 
 
-def test_a_peak_is_not_called_slow_nor_is_a_service_that_has_just_started() -> None:
+def test_latency_is_no_finding_for_one_peak_or_a_new_service() -> None:
     assert diagnose(observation(late("pui", 0.2), before=[late("pui", 0.01)])) == []
     assert diagnose(observation(late("pui", 0.2, uptime_s=4.9))) == []
     assert only(observation(late("pui", 0.2), before=[late("pui", 0.2)])).code == "slow"
 
 
-def test_the_first_slow_service_is_told_and_those_behind_it_follow() -> None:
+def test_first_slow_service_is_the_finding_and_its_readers_follow() -> None:
     seen = observation(
         late("selector", 0.3), late("pui", 0.2), late("led-driver", 0.31), late("pointing.anna", 0.1)
     )
@@ -272,20 +272,18 @@ def test_the_first_slow_service_is_told_and_those_behind_it_follow() -> None:
         {"age": 179.0},
     ],
 )
-def test_a_pose_that_can(figures: dict[str, float]) -> None:
+def test_pose_within_the_limits_has_no_finding(figures: dict[str, float]) -> None:
     assert not diagnose(observation(certainty(**figures)))
 
 
-def test_what_the_localizer_says_itself_is_not_said_twice() -> None:
+def test_uncertainty_that_the_localizer_reports_itself_is_one_finding() -> None:
     sentence = "the yaw of anna is uncertain by 14°, since IMUs drift; have them point at a lamp once"
     warned = certainty(yaw=14.0).model_copy(update={"warnings": (sentence,), "status": "degraded"})
     finding = only(observation(warned))
     assert (finding.sentence, finding.remedy) == (f"says: “{sentence}”", "")  # it says what to do itself
 
 
-def test_a_carrier_that_cannot_act_is_told_by_the_selector_unless_it_is_a_service_that_reports_itself() -> (
-    None
-):
+def test_refusing_carrier_is_reported_by_the_selector_unless_it_reports_itself() -> None:
     fields = {"code": "refused-acts", "sentence": "acts on radio are refused: no power", "subject": "hue"}
     selector = health("selector").model_copy(update={"problems": (Problem.model_validate(fields),)})
     assert only(observation(selector)).sentence == fields["sentence"]

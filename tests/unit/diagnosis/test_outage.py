@@ -22,7 +22,7 @@ def told(findings: Sequence[Finding]) -> Finding:
     return finding
 
 
-def test_the_loss_of_the_router_is_one_sentence_with_its_address_and_one_remedy() -> None:
+def test_lost_router_is_one_finding_with_address_and_remedy() -> None:
     seen = observation(health("web", problems=(LOST,), status="degraded"), deployments=EXPECTED)
     findings = diagnose(seen)
     outage = told(findings)
@@ -64,12 +64,12 @@ def test_a_few_that_are_absent_are_named_each() -> None:
     assert [(each.code, each.follows) for each in findings] == [("absent", False)] * 2
 
 
-def test_what_is_not_sure_yet_is_no_part_of_an_outage() -> None:
+def test_outage_excludes_findings_that_are_not_sure() -> None:
     seen = observation(health("web"), deployments=EXPECTED)
     assert diagnose(seen, lambda finding: finding.code != "absent") == []
 
 
-def test_whoever_asks_for_one_service_is_told_of_the_outage() -> None:
+def test_outage_is_shown_when_one_service_is_asked_for() -> None:
     seen = observation(health("web"), deployments=EXPECTED)
     kept = filter_findings(diagnose(seen), seen, "pui")
     assert [(each.code, each.service) for each in kept] == [("absent", ""), ("absent", "pui")]
@@ -79,7 +79,7 @@ def found(service: str) -> Finding:
     return Finding(severity="error", code="silent", service=service, sentence="", remedy="")
 
 
-def test_only_what_is_about_the_name_is_left() -> None:
+def test_filter_keeps_only_findings_about_the_name() -> None:
     seen = Observation(began_s=0.0, now_s=1.0, present=frozenset({"pui", "pointing.anna", "pointing.ben"}))
     findings = [found(""), found("pui"), found("pointing.anna"), found("pointing.ben")]
     assert filter_findings(findings, seen, "pui") == [findings[1]]
@@ -87,7 +87,7 @@ def test_only_what_is_about_the_name_is_left() -> None:
     assert filter_findings(findings, seen, "pointing") == findings[2:]
 
 
-def test_what_was_there_is_told_of_and_what_never_was_is_absent() -> None:
+def test_filter_finds_former_services_and_reports_unknown_names_as_absent() -> None:
     seen = Observation(began_s=0.0, now_s=1.0, left=frozenset({"pui"}))
     assert filter_findings([found("pui")], seen, "pui") == [found("pui")]
     (finding,) = filter_findings([found("pui")], seen, "selector")

@@ -36,7 +36,7 @@ def test_a_default_instance_must_hear_people_whom_no_shard_serves(shard: str) ->
     assert "anna" not in finding.sentence
 
 
-def test_a_default_selector_must_hear_the_cursors_of_people_whom_no_shard_serves() -> None:
+def test_default_selector_must_hear_cursors_of_people_without_a_shard() -> None:
     site = (
         health("pui", key(CURSOR, "out")),
         health("pui.anna", key(CURSOR, "out")),
@@ -105,7 +105,7 @@ def test_a_clock_apart_is_found(ahead_s: float, severity: str, words: str) -> No
     assert not is_healthy([finding])
 
 
-def test_what_the_keeper_has_said_is_not_said_twice() -> None:
+def test_clock_that_the_keeper_reports_is_one_finding() -> None:
     warning = Problem(code="clock", sentence="the clock of machine pi is 80 ms behind", subject="pi")
     site = seen(keeper=reports("keeper", "server", 0.0, warning), sim=reports("sim", "pi", -0.08))
     assert not list(find_clock_skew(site))

@@ -20,7 +20,7 @@ from tests.unit.diagnosis.fault_sites import (
 from tests.unit.diagnosis.test_fault_table import change, is_starting, problems
 
 
-def test_what_does_not_come_in_time_after_a_start_is_missing() -> None:
+def test_service_is_missing_when_it_is_late_after_a_start() -> None:
     seen = is_starting(processes()).seen()
     assert not is_healthy(diagnose(replace(seen, is_patient=False)))
     late = processes()
@@ -90,7 +90,7 @@ def test_processes_take_longer_to_begin_than_services_of_one(kind: str) -> None:
         (2.5, 2.6, 2.6, True),
     ],
 )
-def test_what_a_writer_writes_in_its_first_three_seconds_need_not_have_arrived(
+def test_inputs_may_be_missing_in_their_writers_first_three_seconds(
     writer_s: float, output_s: float | None, input_s: float | None, *, is_well: bool
 ) -> None:
     site = processes()

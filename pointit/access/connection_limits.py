@@ -126,7 +126,7 @@ class ConnectionLimits:
     @property
     def has_held(self) -> bool:
         """Return True if an account is cut off."""
-        return any(identity_load.is_held(self._now_s) for identity_load in self._loads.values())
+        return any(map(self.is_held, self._loads))
 
     def excess(
         self, connections: Sequence[LimitedConnection], roles: Mapping[str, str]
@@ -167,7 +167,8 @@ class ConnectionLimits:
         for account, identity_load in self._loads.items():
             attack = identity_load.pop_ended_attack(self._now_s)
             if attack is not None:
-                sentences[account] = f"the flood of {_label(account)} has ended: {_size(attack)}"
+                label = _label(account)
+                sentences[account] = f"the flood of {label} has ended: {_size(attack)}"
         return sentences
 
     def _held_message(
@@ -232,7 +233,5 @@ def _stays(account: str) -> str:
 def _size(attack: Attack) -> str:
     times = "once" if attack.times_cut == 1 else f"{attack.times_cut} times"
     duration_s = attack.ended_s - attack.began_s
-    return (
-        f"{attack.messages:.0f} messages and {attack.connections} new connections in {duration_s:.0f} s, "
-        f"cut off {times}"
-    )
+    counts = f"{attack.messages:.0f} messages and {attack.connections} new connections"
+    return f"{counts} in {duration_s:.0f} s, cut off {times}"

@@ -86,7 +86,8 @@ class RecentDenials:
         for (name, kind), (sentence, _) in reversed(self._messages.items()):
             is_unknown = "/" not in name
             if is_unknown or name.startswith(f"{site}/"):
-                problems.append(Problem(code=kind, sentence=sentence, subject=name.rpartition("/")[2]))
+                subject = name.rpartition("/")[2]
+                problems.append(Problem(code=kind, sentence=sentence, subject=subject))
         return tuple(problems[:MAX_MESSAGES])
 
 
@@ -151,9 +152,8 @@ class DeniedOperations:
         for identity, floods in self._floods(elapsed_s).items():
             key, count = floods.most_common(1)[0]
             rate_hz = count / elapsed_s
-            clauses[identity].append(
-                f"writes {key} {rate_hz:.0f} times a second, more than anybody needs: end what does"
-            )
+            clause = f"writes {key} {rate_hz:.0f} times a second, more than anybody needs: end what does"
+            clauses[identity].append(clause)
 
         # One sentence for each identity, and one for all who were not let in
         sentences: dict[str, str] = {}
@@ -202,7 +202,9 @@ class DeniedOperations:
         """Return the numbers of writes of flooded keys, by identity."""
         floods: dict[str, Counter[str]] = defaultdict(Counter)
         for (name, key), count in self._written.items():
-            limit_hz = SLOWED * max_rate_hz(key) if (name, key) in self._slowed else FLOOD_HZ
+            limit_hz = FLOOD_HZ
+            if (name, key) in self._slowed:
+                limit_hz = SLOWED * max_rate_hz(key)
             if count > limit_hz * elapsed_s:
                 floods[identity_of(name)][key] += count
         return floods
@@ -215,7 +217,8 @@ def plain_key(key: str) -> str:
     has_namespace = plain.startswith("pointit/") and plain.count("/") > 1
     if has_namespace:
         plain = plain.split("/", 2)[2]
-    shown = "".join(letter if letter.isprintable() else "?" for letter in plain[:MAX_KEY])
+    letters = [letter if letter.isprintable() else "?" for letter in plain[:MAX_KEY]]
+    shown = "".join(letters)
     if len(plain) > MAX_KEY:
         shown += "…"
     return shown
@@ -231,5 +234,7 @@ def _listed(attempts: Attempts) -> str:
     for (verb, key), count in attempts.most_common():
         times = f" ({count} times)" if count > 1 else ""
         keys_by_verb[verb].append(key + times)
-    clauses = [f"{verb} {first_of(keys, MAX_KEYS)}" for verb, keys in keys_by_verb.items()]
+    clauses: list[str] = []
+    for verb, keys in keys_by_verb.items():
+        clauses.append(f"{verb} {first_of(keys, MAX_KEYS)}")
     return ", ".join(clauses)

@@ -186,7 +186,8 @@ class IdentityLoad:
     def _add_to_keys(self, elapsed_s: float, by_key: Counter[str]) -> None:
         excess_by_key: dict[str, float] = {}
         for key in {*self._key_excess, *by_key}:
-            previous = max(0.0, self._key_excess.get(key, 0.0) - max_rate_hz(key) * elapsed_s)
+            drained = max_rate_hz(key) * elapsed_s
+            previous = max(0.0, self._key_excess.get(key, 0.0) - drained)
             excess = previous + by_key[key]
             if excess > 0.0:
                 excess_by_key[key] = excess

@@ -185,8 +185,7 @@ def _user(name: str) -> Rights:
     """Return the rights of the services and shards of the person `name`: they write and answer their keys."""
     mine = _of_scope("user")
     shards = [row for row in PROCESSES if row.shard_serves is not None]
-    instances = [instance_of(row.name, name) for row in (*mine, *shards)]
-
+    instances = _instances_of([*mine, *shards], name)
     # A shard is a process of a shared service: only what it writes and reads of the person is theirs
     writes = _at((BUTTON, STEP, SPEECH, UNDERSTOOD), name)
     reads = [*_anywhere([viewer_topics()])]
@@ -219,7 +218,7 @@ def _user(name: str) -> Rights:
         SERVICE_ALIVE.at(RECORDER),  # nobody records without others seeing it
     ]
     announces += [SERVICE_ALIVE.at(instance) for instance in instances]
-    announces += [SHARD_ALIVE.at(instance_of(row.name, name)) for row in shards]
+    announces += [SHARD_ALIVE.at(instance) for instance in _instances_of(shards, name)]
     return Rights(
         writes=_sorted(writes),
         reads=_sorted(reads),
@@ -227,6 +226,10 @@ def _user(name: str) -> Rights:
         asks=_sorted(asks),
         announces=_sorted(announces),
     )
+
+
+def _instances_of(rows: Iterable[Process], user: str) -> list[str]:
+    return [instance_of(row.name, user) for row in rows]
 
 
 def _service(name: str) -> Rights:
@@ -291,7 +294,8 @@ def _services() -> Rights:
     reads = [*(row.reads for row in common), viewer_topics()]
     serves = [*(row.serves for row in shared), (RUN_SCENARIO,)]
     states = [topic for topic in TOPICS if topic.delivery is Delivery.STATE]
-    announces = [*_presences(shared), *_carriers(common), SHARD_ALIVE.at(ANY), KEEPER_ALIVE.at(ANY)]
+    announces = [*_presences(shared), *_carriers(common)]
+    announces += _at((SHARD_ALIVE, KEEPER_ALIVE), ANY)
     return Rights(
         writes=_sorted([*_written(common), *site_writes, *_health_publishers(shared)]),
         reads=_anywhere(reads),

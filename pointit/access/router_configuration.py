@@ -195,7 +195,8 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
         site = router_site.site
         slowed += _slowed(router_site)
         listen += _listeners(router_site, addresses)
-        connect += [f"{address}#{_client(router_site)}" for address in router_site.uplinks]
+        client = _client(router_site)
+        connect += [f"{address}#{client}" for address in router_site.uplinks]
 
         # Each identity is a subject with a policy, which grants it its own rules
         subject_key = "usernames" if router_site.password else "cert_common_names"
@@ -206,7 +207,8 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
             subject = f"{site}/{member.name}"
             subjects.append({"id": subject, subject_key: [member.common_name]})
             policy = f"{subject}/{member.role}"
-            policies.append({"id": policy, "rules": [rule["id"] for rule in own], "subjects": [subject]})
+            rule_ids = [rule["id"] for rule in own]
+            policies.append({"id": policy, "rules": rule_ids, "subjects": [subject]})
 
         # Former certificates are named only so that their denials are logged
         if router_site.former:
@@ -280,7 +282,8 @@ def _transport(sites: Sequence[RouterSite]) -> dict[str, Any]:
 
 def to_json5(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",)) -> str:  # noqa: S104 - as above
     """Return `configuration` as JSON5, with an explanatory comment."""
-    return HEADER + json.dumps(configuration(sites, addresses), indent=1) + "\n"
+    text = json.dumps(configuration(sites, addresses), indent=1)
+    return f"{HEADER}{text}\n"
 
 
 def _check(sites: Sequence[RouterSite]) -> None:
@@ -323,7 +326,8 @@ def _listeners(router_site: RouterSite, addresses: Sequence[str]) -> list[str]:
         for address in addresses:
             is_plain_ipv6 = ":" in address and not address.startswith("[")
             host = f"[{address}]" if is_plain_ipv6 else address
-            listeners.append(f"{protocol}/{host}:{router_site.port}{metadata}#{server}")
+            endpoint = f"{protocol}/{host}:{router_site.port}"
+            listeners.append(f"{endpoint}{metadata}#{server}")
     return listeners
 
 
@@ -341,8 +345,8 @@ def _limits(site: str) -> list[dict[str, Any]]:
     by_size: dict[tuple[str, int], list[str]] = {}
 
     def add(row: Topic[Any] | Request[Any, Any], message: str, size: int) -> None:
-        key = f"{root}/{row.at(ANY if row.placeholder else '')}"
-        by_size.setdefault((message, size), []).append(key)
+        key = row.at(ANY if row.placeholder else "")
+        by_size.setdefault((message, size), []).append(f"{root}/{key}")
 
     # A topic's message also travels in replies to late subscribers and in queries for what was lost
     for topic in TOPICS:
@@ -426,7 +430,8 @@ def _thinned(router_site: RouterSite) -> list[dict[str, Any]]:
             keys += [topic.at(user) for user in people]
         elif not topic.placeholder:
             keys.append(topic.at())
-    return [{"key_expr": f"{root}/{key}", "freq": router_site.dashboard_rate_hz} for key in keys]
+    rate_hz = router_site.dashboard_rate_hz
+    return [{"key_expr": f"{root}/{key}", "freq": rate_hz} for key in keys]
 
 
 def _people(router_site: RouterSite) -> list[str]:

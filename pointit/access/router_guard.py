@@ -153,7 +153,8 @@ class RouterGuard:
 
         # The trace forgets ended connections only after their names were used above
         connections = self._connections()
-        self._trace.keep({session: name for session, name, _ in self._router.links()})
+        names = {session: name for session, name, _ in self._router.links()}
+        self._trace.keep(names)
         excess, exceeding = self._limits.excess(connections, self._roles())
         self._router.cut(connection.address for connection in excess)
         self._hold_connections(connections)
@@ -166,7 +167,8 @@ class RouterGuard:
             log.warning("%s", sentence)
         for sentence in self._limits.pop_ended_attacks().values():
             log.warning("%s", sentence)
-        sessions = Counter(connection.account.partition("/")[0] for connection in connections)
+        accounts = [connection.account for connection in connections]
+        sessions = Counter(account.partition("/")[0] for account in accounts)
         self._router.report(self._recent.of, self._denied.total, sessions)
 
     def _on_identity(self) -> None:

@@ -273,16 +273,20 @@ class SiteFolder:
         Raises:
             ConfigError: As for `state`.
         """
-        return self.state().router_site(f"{(self.path / ROUTER).absolute()}/", uplinks)
+        folder = (self.path / ROUTER).absolute()
+        return self.state().router_site(f"{folder}/", uplinks)
 
     def router_files(self) -> tuple[Path, ...]:
         """Return the files whose changes a router of this site must follow."""
+        folder = self.path / ROUTER
         files = (CA, CERTIFICATE, KEY, USERS)
-        return (self.path / STATE, *(self.path / ROUTER / name for name in files))
+        return (self.path / STATE, *(folder / name for name in files))
 
     def identity_folder(self, name: str) -> Path:
         """Return the folder to copy to the machine of `name`."""
-        return self.path / ROUTER if name == ROUTER else self.path / "identities" / name
+        if name == ROUTER:
+            return self.path / ROUTER
+        return self.path / "identities" / name
 
     def _end(self, name: str, new_state: Literal["revoked", "removed"]) -> SiteFolderState:
         with locked(self.path):
@@ -309,7 +313,10 @@ class SiteFolder:
 
     def _issue(self, state: SiteFolderState, names: Mapping[str, Role], now: dt.datetime) -> SiteFolderState:
         authority_folder = self.path / "authority"
-        authority = _authority_module().Authority(_read(authority_folder / CA), _read(authority_folder / KEY))
+        module = _authority_module()
+        certificate_pem = _read(authority_folder / CA)
+        key_pem = _read(authority_folder / KEY)
+        authority = module.Authority(certificate_pem, key_pem)
 
         # All certificates before any file: an invalid name among them changes nothing
         certificates: dict[str, IssuedCertificate] = {}
@@ -362,7 +369,8 @@ class SiteFolder:
             lines: list[str] = []
             for member in router_site.members:
                 if member.role != "router":
-                    password = _read(self.identity_folder(member.name) / PASSWORD).decode()
+                    folder = self.identity_folder(member.name)
+                    password = _read(folder / PASSWORD).decode()
                     lines.append(f"{member.common_name}:{password}\n")
             _save(self.path / ROUTER / USERS, "".join(lines).encode())
         content = state.model_dump_json(indent=1) + "\n"

@@ -292,7 +292,8 @@ class ZenohTrace:
             return
         decided = _decided(line)
         if decided is not None:
-            self._long_lines[self._name(decided[1])] += times * (len(line) // CHARACTERS_OF_MESSAGE)
+            messages = len(line) // CHARACTERS_OF_MESSAGE
+            self._long_lines[self._name(decided[1])] += times * messages
 
     def _learn_name(self, line: str) -> None:
         """Remember the common name of a connection where a line has it."""
@@ -375,7 +376,9 @@ class ZenohTrace:
         for connection in connections:
             if connection.startswith(start):
                 owners[identity_of(self._name(connection))] = connection
-        return next(iter(owners.values())) if len(owners) == 1 else ""
+        if len(owners) != 1:
+            return ""
+        return next(iter(owners.values()))
 
 
 def identity_of(common_name: str) -> str:

@@ -75,7 +75,8 @@ async def _serve(
         http = HttpServer(server, access, host, port, follow_tokens)
         for note in token_file.notes:
             click.echo(note, err=True)
-        click.echo(f"{http.url}: tokens in {site_folder(site, PAGE) / FILE}; Ctrl-C ends it")
+        file = site_folder(site, PAGE) / FILE
+        click.echo(f"{http.url}: tokens in {file}; Ctrl-C ends it")
         await stack.enter_async_context(connection.opened())
         await http.run()
     return 0

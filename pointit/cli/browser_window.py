@@ -69,7 +69,8 @@ class BrowserWindow:
                     return
                 if self._copy is not None:
                     write_atomically(self._copy, self._file.read_bytes())
-            is_open = webbrowser.open((self._copy or self._file).absolute().as_uri())
+            file = self._copy or self._file
+            is_open = webbrowser.open(file.absolute().as_uri())
         except (OSError, webbrowser.Error, ConfigError):
             is_open = False
         if not is_open:

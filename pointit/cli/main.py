@@ -91,7 +91,8 @@ class RootGroup(LazyGroup):
         near = difflib.get_close_matches(typed, words, n=3, cutoff=0.6)
         if not near:
             return super().advice(typed)
-        return f"did you mean {' or '.join(words[word] for word in near)}?"
+        suggestions = [words[word] for word in near]
+        return f"did you mean {' or '.join(suggestions)}?"
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; error messages are wrapped to the terminal's width, if there is one."""
@@ -124,7 +125,8 @@ class RootGroup(LazyGroup):
             formatter.write_dl(list(EXAMPLES))
         formatter.write_paragraph()
         formatter.write_text("More on a command: pointit COMMAND --help")
-        laboratory = [f"pointit {entry.name}" for entry in self.parts.get(LABORATORY, ())]
+        entries = self.parts.get(LABORATORY, ())
+        laboratory = [f"pointit {entry.name}" for entry in entries]
         if laboratory:
             formatter.write_text(f"To measure, from the laboratory: {', '.join(laboratory)}")
         for sentence in self._installed.refused.values():

@@ -309,7 +309,8 @@ async def pointed(
     try:
         say(KEYS, err=True)
         for number, target in enumerate(targets, 1):
-            say(f"{number} of {len(targets)}: point the beam at {target}", err=True)
+            count = f"{number} of {len(targets)}"
+            say(f"{count}: point the beam at {target}", err=True)
             while len(angles) < number:
                 head.send(BeamState(aim.angles, WHITE))
                 if aim.press(await pressed.get()):

@@ -136,7 +136,8 @@ class RunPage(Beside):
             self._site_address = self._site_address or link.addresses[0]
         with contextlib.ExitStack() as stack:
             links = (self.page.scan_url, self.page.url, self.page.lan_url)
-            self._link = stack.enter_context(page_link_file(bus.site, *filter(None, links)))
+            link_file = page_link_file(bus.site, *filter(None, links))
+            self._link = stack.enter_context(link_file)
             opens_browser = self._opens_browser and is_wanted()
             if self._link is not None and opens_browser:
                 stack.callback(PageOpener(bus, self.instance, self._link).close)
@@ -146,9 +147,11 @@ class RunPage(Beside):
         """Return where it is, unless the view shows it, and where in the local network."""
         lines: list[str] = []
         if not is_drawn:
-            lines.append(f"page: {where(self.page.url, self._link)}")
+            address = where(self.page.url, self._link)
+            lines.append(f"page: {address}")
         if self.page.scan_url:
-            lines += _scan_lines(self.page.scan_url, where(self.page.scan_url, self._link))
+            address = where(self.page.scan_url, self._link)
+            lines += _scan_lines(self.page.scan_url, address)
         if self.page.lan_url:
             address = where(self.page.lan_url, self._link)
             lines.append(f"--lan: the page is open to the local network, at {address}")
@@ -284,7 +287,8 @@ async def _serve(recording: "Recording", title: str, page: Page, *, is_open: boo
     await server.start()
     with contextlib.ExitStack() as stack:
         file = stack.enter_context(page_link_file(LINK, page.url))
-        click.echo(f"page: {where(page.url, file, sys.stdout)}")
+        address = where(page.url, file, sys.stdout)
+        click.echo(f"page: {address}")
         if recording.problem:
             click.echo(f"note: {recording.problem}", err=True)
         opens_browser = is_open and is_wanted()
@@ -313,7 +317,8 @@ def _write(recording: "Recording", file: Path, output: Path, *, overwrite: bool)
         html = page_file(past, lambda at_s: tell("seconds", round(at_s))).encode()
     write_atomically(output, html, mode=0o644)
     size_mb = len(html) / 1e6
-    click.echo(f"{output}: {size_mb:.1f} MB, {past.timeline().length_s:.0f} s")
+    length_s = past.timeline().length_s
+    click.echo(f"{output}: {size_mb:.1f} MB, {length_s:.0f} s")
     return 0
 
 

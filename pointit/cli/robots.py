@@ -58,14 +58,16 @@ def _state_cells(monitor: Monitor, state: RobotState) -> list[Text]:
     if state.user:
         user = Text(state.user, style=color_of(monitor, state.user))
     has_problem = state.phase in ("stopped", "lost")
-    phase = Text(state.phase.replace("_", " "), style="yellow" if has_problem else "")
+    phase_name = state.phase.replace("_", " ")
+    phase = Text(phase_name, style="yellow" if has_problem else "")
     target = "-"
     if state.target_m is not None:
         target_x_m, target_y_m = state.target_m[:2]
         target = f"{target_x_m:.1f}, {target_y_m:.1f} m"
     x_m, y_m, z_m = state.position_m
+    position = f"{x_m:.1f}, {y_m:.1f}, {z_m:.1f} m"
     battery = "-" if state.battery is None else f"{state.battery:.0%}"
-    return [user, phase, Text(target), Text(f"{x_m:.1f}, {y_m:.1f}, {z_m:.1f} m"), Text(battery)]
+    return [user, phase, Text(target), Text(position), Text(battery)]
 
 
 def reason_lines(monitor: Monitor) -> list[Text]:
@@ -89,7 +91,9 @@ def _robots(monitor: Monitor) -> list[tuple[str, RobotState]]:
 
 
 def _summary(summary: Mapping[str, Any]) -> list[str]:
-    return score_lines(summary.get("robots", {})) + goal_lines(summary.get("goals_without_robot", {}))
+    scores = score_lines(summary.get("robots", {}))
+    goals = goal_lines(summary.get("goals_without_robot", {}))
+    return scores + goals
 
 
 ROBOTS_DISPLAY = DisplayPart(rows=robot_lines, lines=reason_lines, summary=_summary)
@@ -244,7 +248,8 @@ async def stop(
     else:
         for name in chosen:
             is_failed = name in problems
-            say(f"{name}: {problems.get(name) or 'is told to stop; nobody steers it'}", err=is_failed)
+            outcome = problems.get(name) or "is told to stop; nobody steers it"
+            say(f"{name}: {outcome}", err=is_failed)
         if not chosen:
             say("no robot is here", err=True)
     has_failed = bool(problems) or not chosen

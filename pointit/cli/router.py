@@ -120,7 +120,8 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
     sites = [SiteFolder(folder) for folder in folders]
 
     def make() -> str:
-        return json.dumps(configuration([site.router_site(uplinks=uplinks) for site in sites]))
+        router_sites = [site.router_site(uplinks=uplinks) for site in sites]
+        return json.dumps(configuration(router_sites))
 
     files = chain.from_iterable(site.router_files() for site in sites)
     return Router(make, Path(), list(files))

@@ -117,7 +117,9 @@ def section(rows: Iterable[Row]) -> OutputSection:
 
 
 def _shown_row(row: Row) -> dict[str, Any]:
-    name = f"{row['name']} (this one)" if row.get("own") else row["name"]
+    name = row["name"]
+    if row.get("own"):
+        name = f"{name} (this one)"
     state = row["state"]
     return {
         "name": name,
@@ -261,7 +263,8 @@ def init(
     if as_json:
         print_json({"site": name, "folder": str(path), "identities": sorted(created.identities)})
         return
-    click.echo(f"site {name} is in {path}: {len(roles)} identities and the router's")
+    count = len(roles)
+    click.echo(f"site {name} is in {path}: {count} identities and the router's")
     click.echo(f"1. run its router: pointit site router --site-folder {path}")
     click.echo(f"2. copy {path / 'identities'}/NAME to the machine of NAME, and there: --credentials NAME")
     click.echo(f"3. keep {path / 'authority'} secret: with it, anyone can take any identity of this site")
@@ -367,7 +370,8 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
     for name in names:
         has_password = state.password and name != ROUTER
         proof = "password" if has_password else "certificate"
-        click.echo(f"{name} has a new {proof}: copy {site.identity_folder(name)} to its machine")
+        identity_folder = site.identity_folder(name)
+        click.echo(f"{name} has a new {proof}: copy {identity_folder} to its machine")
 
 
 @click.command("revoke")
@@ -391,7 +395,8 @@ def list_identities(folder: Path, *, as_json: bool) -> None:
     Example: pointit site show --folder lab
     """
     state = SiteFolder(folder).state()
-    click.get_current_context().exit(_print_identities(present(state), state, as_json=as_json))
+    code = _print_identities(present(state), state, as_json=as_json)
+    click.get_current_context().exit(code)
 
 
 def _print_identities(names: Iterable[str], state: SiteFolderState, *, as_json: bool) -> int:

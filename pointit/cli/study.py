@@ -160,7 +160,8 @@ def power(
             click.echo(f"{share}: not with {most} participants{group}; try --most")
         else:
             maximum = f"more than {most}" if high is None else str(high)
-            click.echo(f"{share}: {needed} participants{group} ({low} to {maximum})")
+            interval = f"{low} to {maximum}"
+            click.echo(f"{share}: {needed} participants{group} ({interval})")
 
 
 def _simulate_power(file: Path, folder: Path, on_progress: ProgressCallback) -> None:
@@ -236,6 +237,11 @@ def _seen_from(target: Path, folder: Path) -> str:
         return str(folder.resolve())
 
 
+def _values_of(scale: Scale) -> range:
+    low, high = scale.points
+    return range(low, high + 1, scale.step)
+
+
 class TerminalView:
     """Shows one line that changes, and reads keys. Pass `on_bytes` to the keyboard."""
 
@@ -277,11 +283,12 @@ class TerminalView:
             click.echo(f"Questions on {block}:")
         low, high = scale.points
         low_end, high_end = scale.ends
-        values = {str(value): value for value in range(low, high + 1, scale.step)}
+        ends = f"{low} = {low_end}, {high} = {high_end}"
+        values = {str(value): value for value in _values_of(scale)}
         steps = f" in steps of {scale.step}" if scale.step != 1 else ""
         answers: list[int] = []
         for item in scale.items:
-            question = f"{item}\n{low} = {low_end}, {high} = {high_end}: "
+            question = f"{item}\n{ends}: "
             while True:
                 typed = await self._read(question)
                 answer = typed.strip()
@@ -297,7 +304,9 @@ class TerminalView:
         if self._typed is not None:
             return
         trial = f"trial {status.trial}, {status.left} left"
-        state = f"{status.state} at {status.target}" if status.target else status.state
+        state: str = status.state
+        if status.target:
+            state += f" at {status.target}"
         line = f"{status.participant}  {trial}  {status.condition}  {state}  [{HELP}]"
         if line != self._shown:
             self._shown = line
@@ -494,7 +503,8 @@ def _tell_trial(on_progress: ProgressCallback, last: int, status: StudyStatus) -
 
 
 def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:
-    trials = {name: len(plan_of(study, name).trials) for name in people}
+    plans = {name: plan_of(study, name) for name in people}
+    trials = {name: len(plan.trials) for name, plan in plans.items()}
     done = 0
     try:
         with interruptible(), progress(sum(trials.values())) as on_progress:

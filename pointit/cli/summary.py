@@ -59,7 +59,8 @@ def check_writable(summary: Path) -> None:
         raise ConfigError(f"--summary {summary}: is a directory, give a file in it")
     if not summary.parent.is_dir():
         raise ConfigError(f"--summary {summary}: there is no directory {summary.parent}")
-    if not os.access(summary if summary.exists() else summary.parent, os.W_OK):
+    written = summary if summary.exists() else summary.parent
+    if not os.access(written, os.W_OK):
         raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
 
 
@@ -181,7 +182,8 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
     if summary["speed"] != 1.0:
         speed = f" at {summary['speed']:g} times the speed"
     duration = f"{summary['duration_s']:.0f} s{speed}"
-    lines = [f"{summary['scenario']} ran {duration} with {len(summary['services'])} services."]
+    services = len(summary["services"])
+    lines = [f"{summary['scenario']} ran {duration} with {services} services."]
 
     # Selections, and what they have caused
     if summary["target_kinds"]:
@@ -201,16 +203,16 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
         lines.append(f"Refused {times}: {reason}.")
     lines += _act_lines(summary)
     for bay, counts in summary.get("dispatched", {}).items():
-        dispatched = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-        lines.append(f"Bay {bay}: {dispatched}.")
+        dispatched = [f"{count} {kind}" for kind, count in counts.items()]
+        lines.append(f"Bay {bay}: {', '.join(dispatched)}.")
     for part in parts:
         lines += part.summary(summary)
 
     # People
     misses_deg = summary.get("lamps_missed_by_deg")
     if misses_deg:
-        misses = ", ".join(f"{lamp} {miss_deg:.1f}°" for lamp, miss_deg in misses_deg.items())
-        lines.append(f"Nearest to lamps: {misses}.")
+        misses = [f"{lamp} {miss_deg:.1f}°" for lamp, miss_deg in misses_deg.items()]
+        lines.append(f"Nearest to lamps: {', '.join(misses)}.")
     for user, pose in summary.get("people", {}).items():
         lines.append(_pose_line(user, pose))
     missing = summary.get("not_found")
@@ -230,9 +232,10 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
 
 def _latency_text(latency_ms: Mapping[str, float | None]) -> str:
     """Return the median and the 99th percentile of a latency, `""` if it was not measured."""
-    if latency_ms["p50"] is None:
+    p50_ms = latency_ms["p50"]
+    if p50_ms is None:
         return ""
-    return f"p50 {latency_ms['p50']:.1f} ms, p99 {latency_ms['p99']:.1f} ms"
+    return f"p50 {p50_ms:.1f} ms, p99 {latency_ms['p99']:.1f} ms"
 
 
 def _rates(reports: Iterable[Health]) -> list[str]:
@@ -271,12 +274,17 @@ def _act_lines(summary: Mapping[str, Any]) -> list[str]:
     for name, word in (("failed", "failed"), ("started", "not ended")):
         if acts.get(name):
             counts += f", {acts[name]} {word}"
-    return [f"Acts: {counts}.", *(f"{failure}." for failure in dict.fromkeys(acts["failures"]))]
+    lines = [f"Acts: {counts}."]
+    for failure in dict.fromkeys(acts["failures"]):
+        lines.append(f"{failure}.")
+    return lines
 
 
 def _pose_line(user: str, pose: Mapping[str, Any]) -> str:
     x_m, y_m = pose["position_m"]
-    position = f"{x_m:.2f}, {y_m:.2f} m ±{pose['position_sigma_m']:.2f} m"
+    sigma_m = pose["position_sigma_m"]
+    sigma_deg = pose["yaw_sigma_deg"]
+    position = f"{x_m:.2f}, {y_m:.2f} m ±{sigma_m:.2f} m"
     error = ""
     error_m = pose["position_error_m"]
     if error_m is not None:
@@ -284,7 +292,7 @@ def _pose_line(user: str, pose: Mapping[str, Any]) -> str:
     error_deg = pose.get("yaw_error_deg")
     if error_deg is not None:
         error += f", yaw {error_deg:.1f}° off"
-    return f"{user} was found at {position}, yaw ±{pose['yaw_sigma_deg']:.1f}°{error}."
+    return f"{user} was found at {position}, yaw ±{sigma_deg:.1f}°{error}."
 
 
 def figures(monitor: Monitor) -> Text:

@@ -105,9 +105,11 @@ def wrist_lines(monitor: Monitor) -> list[Text]:
         parts: list[Text] = []
         if charge is not None:
             is_low = charge < 100.0 * LOW_BATTERY
-            parts.append(Text(f"battery {charge:.0f} %", "yellow" if is_low else ""))
+            style = "yellow" if is_low else ""
+            parts.append(Text(f"battery {charge:.0f} %", style))
         parts.append(Text(f"{rate_hz:.0f} Hz"))
-        parts.append(Text(f"{gaps:.0f} gaps/min", "yellow" if gaps else ""))
+        style = "yellow" if gaps else ""
+        parts.append(Text(f"{gaps:.0f} gaps/min", style))
         if signal_dbm is not None:
             parts.append(Text(f"signal {signal_dbm:.0f} dBm"))
         name = (f"{user}'s wrist: ", color_of(monitor, user))
@@ -124,8 +126,8 @@ def instruction_lines(monitor: Monitor) -> list[Text]:
         return [Text.assemble(("everybody: ", "bold"), line) for line in common]
     named: list[Text] = []
     for user, lines in lines_of_user.items():
-        style = color_of(monitor, user)
-        named += [Text.assemble((f"{user}: ", style), line) for line in lines]
+        name = (f"{user}: ", color_of(monitor, user))
+        named += [Text.assemble(name, line) for line in lines]
     return named
 
 
@@ -193,24 +195,26 @@ def _pose(pose: UserPose, now_ns: int) -> list[Text]:
     sigma_m = position_sigma_m(pose.covariance)
     position = Text(f"{x_m:.2f}, {y_m:.2f}")
     if sigma_m > 0.0:
-        is_unsure = sigma_m > UNSURE_M
-        position.append(f" ±{sigma_m:.2f}", style="yellow" if is_unsure else "")
+        style = "yellow" if sigma_m > UNSURE_M else ""
+        position.append(f" ±{sigma_m:.2f}", style=style)
     position.append(" m")
 
     yaw_rad = math.remainder(pose.yaw_rad, math.tau)
     sigma_deg = yaw_sigma_deg(pose)
     yaw = Text(f"{math.degrees(yaw_rad):.1f}°")
     if sigma_deg > 0.0:
-        is_unsure = sigma_deg > UNSURE_DEG
-        yaw.append(f" ±{sigma_deg:.1f}°", style="yellow" if is_unsure else "")
+        style = "yellow" if sigma_deg > UNSURE_DEG else ""
+        yaw.append(f" ±{sigma_deg:.1f}°", style=style)
 
     drift = "-"
     if pose.yaw_rate_sigma_radps is not None:
-        drift = f"{math.degrees(pose.yaw_rate_radps) * 60:+.1f}°/min"
+        drift_degpmin = math.degrees(pose.yaw_rate_radps) * 60
+        drift = f"{drift_degpmin:+.1f}°/min"
     anchor_age = "-"
     if pose.anchored_ns != 0:
         anchor_age = duration_text((now_ns - pose.anchored_ns) / NS_PER_S)
-    return [position, yaw, Text(METHODS[pose.method]), Text(drift), Text(anchor_age)]
+    method = METHODS[pose.method]
+    return [position, yaw, Text(method), Text(drift), Text(anchor_age)]
 
 
 def _words(monitor: Monitor, user: str) -> list[Text]:
@@ -229,7 +233,8 @@ def _words(monitor: Monitor, user: str) -> list[Text]:
         reason = ""
         if interaction.state == "idle" and interaction.reason != refusal:
             reason = interaction.reason
-        lines.append(Text(f"{reason} {interaction.next_step}".strip()))
+        step = f"{reason} {interaction.next_step}"
+        lines.append(Text(step.strip()))
 
     # Who waits for a target has no progress yet
     localization = monitor.localizations.get(user)
@@ -248,7 +253,8 @@ def _progress(localization: Localization) -> list[str | tuple[str, str]]:
     if localization.position_sigma_m is not None:
         parts.append(f"±{localization.position_sigma_m:.2f} m")
     if localization.yaw_sigma_rad is not None:
-        parts.append(f"±{math.degrees(localization.yaw_sigma_rad):.1f}°")
+        yaw_sigma = math.degrees(localization.yaw_sigma_rad)
+        parts.append(f"±{yaw_sigma:.1f}°")
 
     # Several robots may be meant by one movement
     if len(localization.candidates) > 1:
@@ -426,7 +432,8 @@ def _side_by_side(monitor: Monitor, strips: Sequence[Strip], width: int) -> list
         name = _name(strip, name_width)
         cells = max(1, int(length_m * scale))
         needed = GAP_WIDTH + len(name) + cells
-        if rows[-1].cell_len and rows[-1].cell_len + needed > width:
+        used = rows[-1].cell_len
+        if used and used + needed > width:
             rows.append(Text(no_wrap=True))
         row = rows[-1]
         row.append(" " * GAP_WIDTH if row.cell_len else "")
@@ -461,7 +468,8 @@ def _lamps(monitor: Monitor) -> Text:
     for name, lamp in sorted(monitor.lamps.items()):
         is_on = any(lamp.color)
         symbol = "●" if is_on else "○"
-        text.append(f"{symbol} {name}  ", style=_style(lamp.color) if is_on else "dim")
+        style = _style(lamp.color) if is_on else "dim"
+        text.append(f"{symbol} {name}  ", style=style)
     return text
 
 

@@ -119,7 +119,8 @@ class LazyGroup(click.Group):
             return command.name, command, args[1:]
         if ctx.resilient_parsing:  # completion in a shell
             return None, None, args[1:]
-        raise UnknownNameError(f"no {self._kind} {args[0]!r}; {self.advice(args[0])}")
+        typed = args[0]
+        raise UnknownNameError(f"no {self._kind} {typed!r}; {self.advice(typed)}")
 
     def advice(self, typed: str) -> str:
         """Return a clause with the names that are similar to `typed`, or with all."""
@@ -137,7 +138,8 @@ class LazyGroup(click.Group):
         """Return the names that begin with `incomplete`, without loading any, and the options."""
         from pointit.cli.common.completions import beginning  # noqa: PLC0415 - only in a completion
 
-        names = beginning(((entry.name, entry.about) for entry in self.entries), incomplete)
+        entries = ((entry.name, entry.about) for entry in self.entries)
+        names = beginning(entries, incomplete)
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
@@ -217,7 +219,8 @@ class Installed:
                     "rename its entry point."
                 )
             else:
-                added[name] = of_package(package, name, f"{declaration.summary} ({package})")
+                about = f"{declaration.summary} ({package})"
+                added[name] = of_package(package, name, about)
 
         # Commands of the table that other packages bring are shown only where these are installed
         installed = {(declaration.name, declaration.package) for declaration in commands}

@@ -84,7 +84,8 @@ def print_table(rich_console: Console, section: OutputSection) -> None:
     title = f"{section.name.capitalize()}: {section.about}"
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     for column in columns:
-        is_numeric = all(isinstance(row[column], int | float | None) for row in section.rows)
+        values = [row[column] for row in section.rows]
+        is_numeric = all(isinstance(value, int | float | None) for value in values)
         table.add_column(
             column.replace("_", " "),
             justify="right" if is_numeric else "left",
@@ -152,8 +153,8 @@ def to_line(value: Any) -> str:
                 fields.append(f"{_key(key)}: {to_line(inner)}")
         return "{" + ", ".join(fields) + "}"
     if isinstance(value, (list, tuple)):
-        items = cast("Sequence[Any]", value)
-        return "[" + ", ".join(to_line(item) for item in items) + "]"
+        items = [to_line(item) for item in cast("Sequence[Any]", value)]
+        return f"[{', '.join(items)}]"
     if isinstance(value, bytes):
         return f"<{len(value)} bytes>"
     if isinstance(value, float):

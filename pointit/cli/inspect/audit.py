@@ -114,7 +114,8 @@ def since_ns(text: str, now_ns: int) -> int:
             duration_s = float(number) * UNITS_S[unit]
             time_ns = now_ns - int(duration_s * NS_PER_S)
         else:
-            time_ns = int(dt.datetime.fromisoformat(text.strip()).timestamp() * NS_PER_S)
+            time = dt.datetime.fromisoformat(text.strip())
+            time_ns = int(time.timestamp() * NS_PER_S)
     except (ValueError, OverflowError, OSError) as error:
         raise ConfigError(
             f"--since {text!r}: not a time; write a duration ago (30min, 2h, 7d) or a date (2026-03-01T14:30)"

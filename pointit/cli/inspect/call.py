@@ -98,7 +98,8 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
         raise UnknownNameError(
             f"{typed} is a topic ({topic.about}), not a request; see `pointit topic echo {typed}`"
         )
-    known = [filled(request.key, typed.split("/")) for request in REQUESTS]
+    parts = typed.split("/")
+    known = [filled(request.key, parts) for request in REQUESTS]
     near = difflib.get_close_matches(typed, known, n=3, cutoff=0.5)
     advice = "`pointit service call` lists all requests"
     if near:
@@ -184,7 +185,8 @@ def _range(parameter: ParameterInfo) -> str:
         for limit in parameter.field.metadata:
             if hasattr(limit, name):
                 limits[word] = getattr(limit, name)
-    return " ".join(f"{word} {value:g}" for word, value in limits.items())
+    words = [f"{word} {value:g}" for word, value in limits.items()]
+    return " ".join(words)
 
 
 def _example(request: AnyRequest) -> str:

@@ -338,7 +338,9 @@ def _print_closing(
     for sentence in _next_steps(seen, only):
         screen.print(Text(sentence, style="dim"))
     if is_healthy(findings):
-        services_run = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
+        services_run = f"{len(instances)} services run"
+        if len(instances) == 1:
+            services_run = "1 service runs"
         screen.print(Text(f"all is well: {services_run}", style="green"))
 
 
@@ -437,9 +439,15 @@ def _rates(health: Health, direction: str) -> str:
     rates: list[str] = []
     for key in health.keys:
         if key.direction == direction and key.rate_hz > 0:
-            names = [part for part in key.key.split("/") if "{" not in part]
-            rates.append(f"{names[-1]} {key.rate_hz:.0f}")
+            rates.append(f"{_last_name(key.key)} {key.rate_hz:.0f}")
     return ", ".join(rates)
+
+
+def _last_name(key: str) -> str:
+    """Return the last part of a key that is no placeholder."""
+    parts = key.split("/")
+    names = [part for part in parts if "{" not in part]
+    return names[-1]
 
 
 def _figures(health: Health) -> str:
@@ -447,11 +455,14 @@ def _figures(health: Health) -> str:
     figures: list[str] = []
     for metric in health.figures:
         gap = "" if metric.unit in ("", "°") else " "
-        figures.append(f"{metric.name} {metric.value:.3g}{gap}{metric.unit}")
+        value = f"{metric.value:.3g}{gap}{metric.unit}"
+        figures.append(f"{metric.name} {value}")
     return ", ".join(figures)
 
 
 def _quantiles(times: Quantiles | None) -> str:
     if times is None:
         return ""
-    return f"{times.p50_s * 1e3:.2f}/{times.p99_s * 1e3:.2f}"
+    p50_ms = times.p50_s * 1e3
+    p99_ms = times.p99_s * 1e3
+    return f"{p50_ms:.2f}/{p99_ms:.2f}"

@@ -129,8 +129,8 @@ def maps() -> OutputSection:
     for name in shipped_maps():
         with map_path(name) as path:
             file = read_map_file(path)
-            clouds = read_clouds(path, file)
-            rows.append({"name": name, "has": contents(file, clouds), "about": about_map(path)})
+            has = contents(file, read_clouds(path, file))
+            rows.append({"name": name, "has": has, "about": about_map(path)})
     return OutputSection(
         name="maps",
         about="use one, or your own file, with `pointit run SCENARIO --set pui.map=NAME`",

@@ -77,6 +77,7 @@ async def _serve(metrics: "SiteMetrics", host: str, port: int, site: str, connec
     server = MetricsServer(metrics, host, port)  # a wrong address is refused before the site is looked for
     async with join_site(site, connect) as bus:
         _attach(bus, metrics)
-        click.echo(f"metrics: {url('http', host, server.port)}{PATH}; Ctrl-C ends it")
+        address = url("http", host, server.port)
+        click.echo(f"metrics: {address}{PATH}; Ctrl-C ends it")
         await server.run()
     return 0

@@ -91,7 +91,8 @@ def error_lines(monitor: Monitor, _width: int) -> RenderableType | None:
             text = f"error of the pose {position_m:.2f} m"
             if yaw_deg is not None:
                 text += f", {yaw_deg:+.1f}°"
-            lines.append(Text.assemble((f"{user}: ", color_of(monitor, user)), text))
+            name = (f"{user}: ", color_of(monitor, user))
+            lines.append(Text.assemble(name, text))
     return Text("\n").join(lines) if lines else None
 
 

@@ -176,10 +176,11 @@ def _type_of(field: dict[str, Any], definitions: dict[str, Any]) -> tuple[str, d
         return name, definitions[name]
     if "anyOf" in field:
         alternatives = [_type_of(alternative, definitions) for alternative in field["anyOf"]]
+        text = " or ".join(text for text, _ in alternatives)
         models = filter(None, (model for _, model in alternatives))
-        return " or ".join(text for text, _ in alternatives), next(models, None)
+        return text, next(models, None)
     if "enum" in field:
-        return " | ".join(str(value) for value in field["enum"]), None
+        return " | ".join(map(str, field["enum"])), None
     if field.get("type") == "array":
         # A tuple, such as a vector, has a schema for each place, all of the same type
         places: list[dict[str, Any]] = field.get("prefixItems", [])

@@ -349,7 +349,8 @@ class TopicCounter:
 
     def take(self, now_s: float, window_s: float) -> list[TopicRate]:
         """Return the rates in the last `window_s` by key, and start the next window."""
-        return [self._meters[key].take(now_s, window_s) for key in sorted(self._meters)]
+        meters = [self._meters[key] for key in sorted(self._meters)]
+        return [meter.take(now_s, window_s) for meter in meters]
 
     def take_conflated(self) -> int:
         """Return the number of messages conflated before they were counted, since the last call."""
@@ -360,7 +361,8 @@ class TopicCounter:
 
     def _handler(self, topic: AnyTopic) -> Any:
         def on_message(message: Message, name: str) -> None:
-            self._meter(topic, name).add(self._loop.time(), len(encode(message)))
+            meter = self._meter(topic, name)
+            meter.add(self._loop.time(), len(encode(message)))
 
         return on_message
 
@@ -390,7 +392,8 @@ def show_rates(
         click.echo(f"nothing came within {window_s:g} s; see `pointit doctor`", err=True)
         return True
     rows = tuple(map(_rate_row, rates))
-    print_table(console(), OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows))
+    section = OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows)
+    print_table(console(), section)
     print_errors(console(), truth)
     return True
 

@@ -270,7 +270,8 @@ async def _measure(tracer: "Tracer", count: int) -> list[SamplePath]:
             if new_paths:
                 paths += new_paths
                 newest_s = loop.time()
-            tell(f"samples of {tracer.user}", min(len(paths), count))
+            done = min(len(paths), count)
+            tell(f"samples of {tracer.user}", done)
     if not paths:
         raise NoMessageError(tracer.silence())
     return paths[:count]

@@ -265,7 +265,8 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
     # A table each, as far as there is something in it
     screen = console()
     trackers = tuple(map(_shown_tracker, tracking.trackers))
-    print_table(screen, OutputSection(name="trackers", about=f"over {window_s:g} s", rows=trackers))
+    section = OutputSection(name="trackers", about=f"over {window_s:g} s", rows=trackers)
+    print_table(screen, section)
     objects: list[Row] = [asdict(row) for row in tracking.objects]
     if objects:
         roomy = frozenset(("kind", "yaw_deg"))

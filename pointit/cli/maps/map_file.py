@@ -224,8 +224,10 @@ def _lamps(x_m: float, y_m: float, count: int) -> Iterator[str]:
 
         # The wall that the direction meets first
         reach_m = 1 / max(abs(right) / x_m, abs(ahead) / y_m)
+        lamp_x_m = reach_m * right
+        lamp_y_m = reach_m * ahead
         height_m = LAMP_HEIGHTS_M[index % len(LAMP_HEIGHTS_M)]
-        position = f"[{reach_m * right:.3f}, {reach_m * ahead:.3f}, {height_m}]"
+        position = f"[{lamp_x_m:.3f}, {lamp_y_m:.3f}, {height_m}]"
         yield f"  lamp_{index + 1}: {{position: {position}}}"
 
 

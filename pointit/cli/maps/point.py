@@ -172,7 +172,8 @@ def placed(content: bytes, path: Path, origin_m: Vec3, heading_rad: float, note:
 
     def rotated(vector: Any) -> list[float]:
         x, y, z = vector
-        return [round(value, 4) for value in rotate_z((x, y, z), -heading_rad)]
+        values = rotate_z((x, y, z), -heading_rad)
+        return [round(value, 4) for value in values]
 
     def moved(point: Any) -> list[float]:
         offset = subtract(tuple(point), origin_m)
@@ -188,7 +189,10 @@ def placed(content: bytes, path: Path, origin_m: Vec3, heading_rad: float, note:
         for name, entry in sections.get(section, {}).items():
             point = entry[key]
             changes: dict[str, Any] = {}
-            changes[key] = list(map(moved, point)) if section == "strips" else moved(point)
+            if section == "strips":
+                changes[key] = list(map(moved, point))
+            else:
+                changes[key] = moved(point)
             if section == "planes":
                 changes["normal"] = rotated(entry["normal"])
             if section == "boxes":
@@ -431,7 +435,8 @@ def stand_at(room: Path, content: bytes, ends: Mapping[str, Vec3], floor_m: floa
 
         # The person stands at the origin now, with the same IMU
         yaw_rad = math.remainder(pose.yaw_rad - heading_rad, math.tau)
-        say(f"{user} there: pointit person pose {user} 0 0 --yaw {math.degrees(yaw_rad):.0f}")
+        yaw_deg = math.degrees(yaw_rad)
+        say(f"{user} there: pointit person pose {user} 0 0 --yaw {yaw_deg:.0f}")
         origin_m = (pose.x_m, pose.y_m, z_m)
         return placed(content, room, origin_m, heading_rad, note).decode(), 0
 
@@ -485,7 +490,8 @@ class PointingSession:
                 if position.reason:
                     open_targets[target] = position.reason
                 else:
-                    self._tell(f"{target}: known to {100 * position.sigma_m:.0f} cm")
+                    sigma_cm = 100 * position.sigma_m
+                    self._tell(f"{target}: known to {sigma_cm:.0f} cm")
             if not open_targets or len(poses) == MAX_PLACES:
                 return positions
 

@@ -138,8 +138,9 @@ def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float], lamps: 
     rows.append("strips:")
     for row, (name, count) in enumerate(counts.items()):
         y_m = ROW_M * row
-        line = f"[[0, {y_m:.1f}, 1], [{lengths_m[name]:.3f}, {y_m:.1f}, 1]]"
-        rows.append(f"  {json.dumps(name)}: {{line: {line}, pixels: {count}}}")
+        first = f"[0, {y_m:.1f}, 1]"
+        last = f"[{lengths_m[name]:.3f}, {y_m:.1f}, 1]"
+        rows.append(f"  {json.dumps(name)}: {{line: [{first}, {last}], pixels: {count}}}")
     return "\n".join([*rows, ""])
 
 

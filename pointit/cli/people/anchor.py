@@ -79,7 +79,8 @@ def sigma_text(pose: UserPose) -> str:
     position_m, yaw_rad = sigmas(pose)
     if position_m == yaw_rad == 0.0:
         return "exactly, as it was given"
-    return f"to {position_m:.2f} m and {math.degrees(yaw_rad):.1f}°"
+    yaw_deg = math.degrees(yaw_rad)
+    return f"to {position_m:.2f} m and {yaw_deg:.1f}°"
 
 
 def drift_degpmin(pose: UserPose) -> float:
@@ -146,9 +147,11 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
         noun = "localization" if count == 1 else "localizations"
         rows.append(("remembered", f"elevation bias of {count} {noun}"))
 
-    rows.append(("drift", _drift_text(shown["drift_deg_per_min"], shown["drift_sigma_deg_per_min"])))
+    drift = _drift_text(shown["drift_deg_per_min"], shown["drift_sigma_deg_per_min"])
+    rows.append(("drift", drift))
     anchor_age_s = shown["anchor_age_s"]
-    rows.append(("last anchor", "never" if anchor_age_s is None else f"{_age(anchor_age_s)} ago"))
+    last_anchor = "never" if anchor_age_s is None else f"{_age(anchor_age_s)} ago"
+    rows.append(("last anchor", last_anchor))
     rows.append(("method", method))
     rows.append(("published", f"{_age(shown['age_s'])} ago"))
     if shown["position_error_m"] is not None:
@@ -437,14 +440,19 @@ async def command(site: SiteAddress, user: str, lamp: str, *, timeout_s: float, 
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:
-        say(f"{user}: {sentence(anchor, before, after)}{site.note}")
+        result = sentence(anchor, before, after)
+        say(f"{user}: {result}{site.note}")
     return 0 if anchor.accepted else EXIT_FAILED
 
 
 async def point_once(anchoring: AnchorRequester, lamp: str, timeout_s: float, which: str) -> Anchor:
     """Return `anchoring.point`, whose instructions are shown behind `which`, such as the person's name."""
     with progress() as tell:
-        return await anchoring.point(lamp, timeout_s, lambda text: tell(f"{which}: {text}"))
+
+        def instruct(text: str) -> None:
+            tell(f"{which}: {text}")
+
+        return await anchoring.point(lamp, timeout_s, instruct)
 
 
 def is_after(pose: UserPose, anchor: Anchor, before: UserPose | None) -> bool:

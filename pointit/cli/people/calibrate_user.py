@@ -145,7 +145,8 @@ def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
     for a, b in combinations(range(len(same)), 2):
         elapsed_s = times_s[b] - times_s[a]
         if elapsed_s > 1.0:
-            slopes_radps.append(vector.wrap(errors_rad[b] - errors_rad[a]) / elapsed_s)
+            change_rad = vector.wrap(errors_rad[b] - errors_rad[a])
+            slopes_radps.append(change_rad / elapsed_s)
     rate_radps = statistics.median(slopes_radps) if slopes_radps else 0.0
 
     steady: list[Anchor] = []
@@ -405,10 +406,8 @@ async def _measure(site: SiteAddress, user: str, options: CalibrationOptions, *,
             note = reply.message + site.note
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
-        table_rows = [table_row(row) for row in rows]
-        print_json(
-            {"user": user, "offset": offset, "doubt": problem, "anchors": table_rows, "missed": missed}
-        )
+        result = {"user": user, "offset": offset, "doubt": problem}
+        print_json({**result, "anchors": [table_row(row) for row in rows], "missed": missed})
     else:
         if options.keeps:
             _print_residuals(user, rows)

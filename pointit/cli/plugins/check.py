@@ -93,13 +93,15 @@ def command(*, name: str | None, as_json: bool) -> None:
         if not as_json:
             _print(result)
 
+    # Each result is shown at once: a plug-in takes seconds
     for kind, plugin_name in chosen(name):
         check_plugin(kind, plugin_name, report)
     broken = sum(bool(result.problem) for result in results)
     if as_json:
         print_json([vars(result) for result in results])
     else:
-        click.echo(f"{len(results) - broken} of {len(results)} promises are kept")
+        kept = len(results) - broken
+        click.echo(f"{kept} of {len(results)} promises are kept")
     if broken:
         raise SystemExit(1)
 

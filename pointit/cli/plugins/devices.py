@@ -49,7 +49,8 @@ def command(*, seconds: float, as_json: bool) -> None:
 
     # Groups of plug-ins, and two that other packages cannot join
     own_groups = {MOCAP: MOCAP_SYSTEMS, HOME: HOME_ASSISTANTS}
-    groups = {kind: own_groups[kind] if kind in own_groups else GROUPS[kind] for kind in SECTIONS}
+    all_groups = {**GROUPS, **own_groups}
+    groups = {kind: all_groups[kind] for kind in SECTIONS}
     count = sum(len(group.names) for group in groups.values())
     with progress(count) as tell:
         results = search(groups, seconds, lambda done: tell("searching", done))
@@ -110,9 +111,12 @@ def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
 
 def _words(result: SearchResult, device: FoundDevice, option: str) -> str:
     if result.kind == MOCAP:
-        system = "" if result.name == "natnet" else f"--system {result.name} "
-        port = f" --port {device.details['port']}" if "port" in device.details else ""
-        return f"{system}{option} {shlex.quote(device.address)}{port}"
+        arguments = f"{option} {shlex.quote(device.address)}"
+        if result.name != "natnet":
+            arguments = f"--system {result.name} {arguments}"
+        if "port" in device.details:
+            arguments += f" --port {device.details['port']}"
+        return arguments
     if result.kind == HOME:
         return import_options(device)
     if result.kind == "robot":

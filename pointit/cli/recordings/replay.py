@@ -228,9 +228,11 @@ def _print_counts(counts: Counter[str], length_s: float, *, as_json: bool) -> No
     if as_json:
         print_json({"duration_s": length_s, "replayed": dict(sorted(counts.items()))})
         return
-    rows = tuple({"key": key, "messages": count} for key, count in sorted(counts.items()))
+    rows: list[dict[str, object]] = []
+    for key, count in sorted(counts.items()):
+        rows.append({"key": key, "messages": count})
     about = f"computed again from {length_s:.1f} s; --compare compares them with the recorded ones"
-    print_table(console(), OutputSection(name="messages", about=about, rows=rows))
+    print_table(console(), OutputSection(name="messages", about=about, rows=tuple(rows)))
     sys.stdout.flush()
 
 
@@ -238,7 +240,8 @@ def print_report(report: ComparisonReport, began_ns: int) -> None:
     """Print the topics as a table, and the first message that differs. `began_ns`: of the recording."""
     rows = tuple(_row(topic, began_ns) for topic in report.topics)
     about = "computed again, against the recorded ones; times of the first that differs since the beginning"
-    print_table(console(), OutputSection(name="messages", about=about, rows=rows, whole=frozenset(("key",))))
+    section = OutputSection(name="messages", about=about, rows=rows, whole=frozenset(("key",)))
+    print_table(console(), section)
     for line in first_lines(report, began_ns):
         say(line)
 
@@ -316,7 +319,8 @@ def _differing_pixel(rgb: bytes, other: bytes) -> object:
     for position, (byte, other_byte) in enumerate(zip(rgb, other, strict=True)):
         if byte != other_byte:
             pixel = position // 3
-            return {"pixel": pixel, "rgb": list(rgb[3 * pixel :][:3])}
+            color = rgb[3 * pixel :][:3]
+            return {"pixel": pixel, "rgb": list(color)}
     return rgb
 
 

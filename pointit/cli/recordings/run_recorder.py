@@ -27,10 +27,11 @@ def recorded(launch: Launch) -> str:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(0, size - len(MAGIC)))
             is_whole = file.read() == MAGIC
-        cut = "" if is_whole else ", cut off; the log says why"
-        return f"recorded in {path}: {size / 1e6:.2f} MB{cut}"
     except OSError as error:
         return f"the recording {path} is not there: {error.strerror}"
+    size_mb = size / 1e6
+    cut = "" if is_whole else ", cut off; the log says why"
+    return f"recorded in {path}: {size_mb:.2f} MB{cut}"
 
 
 class RunRecorder(Beside):

@@ -270,7 +270,8 @@ async def _printing(scenario: RunningScenario, *, is_drawn: bool) -> AsyncGenera
 
     tasks: list[asyncio.Task[None]] = []
     if isinstance(scenario.clock, WallClock | SimulatedClock):  # services that join use this clock
-        tasks.append(asyncio.create_task(publish_time(scenario.clock, scenario.bus), name="clock"))
+        clock = publish_time(scenario.clock, scenario.bus)
+        tasks.append(asyncio.create_task(clock, name="clock"))
     if not is_drawn:
         tasks.append(asyncio.create_task(tell_figures(), name="figures"))
     try:

@@ -84,7 +84,9 @@ async def _states(bus: Bus) -> dict[str, str]:
     reports.sort(key=lambda report: report.state == "unavailable")
     states: dict[str, str] = {}
     for report in reports:
-        states[report.id] = f"{report.state}: {report.reason}" if report.reason else report.state
+        states[report.id] = report.state
+        if report.reason:
+            states[report.id] += f": {report.reason}"
     return states
 
 

@@ -116,12 +116,12 @@ def command(name: str, scenario: str | None, place: int | None, *, here: bool, *
     # Where the site says what runs there, and which places are free
     if scenario is None or place is None:
         link = joining(options)
-        found: Found | None = (USUAL, 1)
+        stage: Found | None = (USUAL, 1)
         if link.connect:
-            found = inspect_site(link.site, link.connect)
-        if found is None:
+            stage = inspect_site(link.site, link.connect)
+        if stage is None:
             return 0
-        site_scenario, free_place = found
+        site_scenario, free_place = stage
         scenario = scenario or site_scenario
         place = place or free_place
 

@@ -87,7 +87,7 @@ async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
             await bus.close()
 
 
-async def test_what_a_closed_listener_leaves_keeps_no_router_from_opening_again(
+async def test_router_opens_again_while_connections_of_its_former_listener_live(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A listener for QUIC keeps its port for as long as one of its connections lives; here a socket does."""

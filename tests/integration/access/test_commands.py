@@ -58,7 +58,7 @@ async def test_the_variable_does_as_well(site: SiteFolder, commands: Commands) -
     assert "Warning: the credentials of operator end on" in ended.err
 
 
-async def test_who_may_not_press_a_button_is_told_in_one_error(site: SiteFolder, commands: Commands) -> None:
+async def test_press_without_the_right_is_one_error(site: SiteFolder, commands: Commands) -> None:
     ended = await commands.pointit(
         "person", "press", "anna", "--credentials", str(site.identity_folder("operator"))
     )
@@ -67,7 +67,7 @@ async def test_who_may_not_press_a_button_is_told_in_one_error(site: SiteFolder,
     assert ended.err.count("may not write") == 1
 
 
-async def test_who_may_not_read_movements_cannot_trace_them(site: SiteFolder, commands: Commands) -> None:
+async def test_trace_needs_the_right_to_read_movements(site: SiteFolder, commands: Commands) -> None:
     for name in ("operator", "guest1"):
         ended = await commands.pointit("trace", "anna", "--credentials", str(site.identity_folder(name)))
         assert ended.code == 1
@@ -80,7 +80,7 @@ async def test_who_may_not_read_movements_cannot_trace_them(site: SiteFolder, co
 @pytest.mark.parametrize(
     ("name", "role"), [("guest1", "user"), ("services", "services"), ("operator", "operator")]
 )
-async def test_who_may_not_be_that_person_is_told(
+async def test_person_add_rejects_credentials_of_others(
     name: str, role: str, site: SiteFolder, commands: Commands
 ) -> None:
     ended = await commands.pointit("person", "add", "anna", "--credentials", str(site.identity_folder(name)))

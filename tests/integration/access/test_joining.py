@@ -113,7 +113,7 @@ async def test_a_late_joiner_gets_a_living_writers_state(
         await late.close()
 
 
-async def test_who_may_not_write_says_it(
+async def test_service_reports_that_it_may_not_write(
     buses: dict[str, ZenohBus], caplog: pytest.LogCaptureFixture
 ) -> None:
     guest = buses["guest1"]
@@ -194,7 +194,7 @@ async def test_a_server_that_closes_during_the_handshake_is_no_router(site: Site
 
 
 @pytest.mark.parametrize("password", [False, True], ids=["certificates", "passwords"])
-async def test_who_comes_while_the_router_opens_again_waits(
+async def test_client_waits_while_the_router_opens_again(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, *, password: bool
 ) -> None:
     """Its port takes connections and drops them meanwhile."""

@@ -128,7 +128,7 @@ def test_router_drops_instead_of_waiting_whatever_a_writer_wants(folder: SiteFol
     assert all(heard)
 
 
-def test_what_a_person_writes_too_often_reaches_nobody(folder: SiteFolder) -> None:
+def test_writes_above_the_rate_of_a_key_reach_nobody(folder: SiteFolder) -> None:
     button, cursor, pose = (topic.at("anna") for topic in (BUTTON, CURSOR, POSE))
     with (
         routed(folder),
@@ -185,7 +185,7 @@ async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteF
 
 
 @pytest.mark.slow
-async def test_who_asks_for_past_events_all_the_time_gets_few_answers_and_all_others_theirs(
+async def test_continual_history_queries_get_few_answers_and_delay_nobody(
     folder: SiteFolder,
 ) -> None:
     answered: Counter[int] = Counter()
@@ -262,7 +262,7 @@ def flooding(folder: SiteFolder, name: str, kind: str) -> Generator[None]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", DECLARATIONS)
-def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolder, kind: str) -> None:
+def test_endless_declarations_and_queries_are_named_and_cut_off(folder: SiteFolder, kind: str) -> None:
     reports: list[Health] = []
     with (
         RouterProgram("--site-folder", str(folder.path)) as router,

@@ -145,7 +145,7 @@ def test_reads_get_exactly_what_they_may(me: str, site: SiteFolder, members: dic
 
 
 @pytest.mark.parametrize("me", LIMITED)
-def test_who_wants_everything_gets_nothing(me: str, members: dict[str, Member]) -> None:
+def test_subscription_to_everything_gets_nothing(me: str, members: dict[str, Member]) -> None:
     speaker = members["supervisor"]
     end = f"@may/{me}/end"
     with members[me].listening("**", "users/**", "users/*/imu", "users/*/wrist", "**/@adv/**", end) as ear:

@@ -142,7 +142,7 @@ async def buses(
         await mine.close()
 
 
-async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, ZenohBus, ZenohBus]) -> None:
+async def test_messages_of_an_onlooker_stay_in_its_process(buses: tuple[str, ZenohBus, ZenohBus]) -> None:
     role, mine, other = buses
     here = news_of(mine)
     there = news_of(other)
@@ -176,7 +176,7 @@ async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, Zen
     ("service", "identity"),
     [(service, name) for service in (Foxglove, AgvTracker) for name in ("services", service.NAME)],
 )
-async def test_bridge_reports_and_is_present_under_the_services_identity_and_under_its_own(
+async def test_bridge_reports_by_the_services_identity_and_by_its_own(
     service: Any, identity: str, tmp_path: Path
 ) -> None:
     configs = {

@@ -355,7 +355,7 @@ async def test_lamps_that_somebody_has_are_waited_for_once(site: Site, localizer
         ("nan 2", "'nan' is neither a coordinate in metres"),
     ],
 )
-def test_what_is_typed_wrongly_is_said(arguments: str, words: str) -> None:
+def test_wrong_options_of_a_calibration_are_reported(arguments: str, words: str) -> None:
     result = CliRunner().invoke(command, ["person", "pose", "anna", *arguments.split()])
     assert (result.exit_code, words in result.output) == (2, True), result.output
 

@@ -82,7 +82,9 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
         (("localizer/anna/set_pose", "position_m=[1, 2"), "position_m=[1, 2: is not a value"),
     ],
 )
-def test_what_is_wrong_is_named_without_connecting(arguments: tuple[str, ...], said: str) -> None:
+def test_wrong_arguments_of_a_call_are_named_without_connecting(
+    arguments: tuple[str, ...], said: str
+) -> None:
     result = CliRunner().invoke(command, ["service", "call", *arguments, "--connect", "tcp/127.0.0.1:1"])
     assert result.exit_code == 2
     assert said in result.output

@@ -172,7 +172,7 @@ async def test_ctrl_c_before_the_answer_is_no_answer(site: Site) -> None:
         assert within(took_s, 5.0)
 
 
-async def test_what_else_is_wrong_does_not_count(site: Site) -> None:
+async def test_only_ignores_problems_of_others(site: Site) -> None:
     async with pointing_process(site):
         expect(site, ExpectedService(service="led-driver"), name="run.another")
         assert (await site.pointit("doctor")).code == 1

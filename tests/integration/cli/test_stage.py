@@ -228,7 +228,7 @@ async def test_a_wish_that_cannot_be_changes_nothing() -> None:
         assert beside.deployments["run.scenario_2"].services
 
 
-async def test_what_cannot_begin_lets_the_other_begin_again() -> None:
+async def test_former_scenario_begins_again_when_the_next_cannot_begin() -> None:
     async with going(plan_of("scenario_2", settings=(TWICE,))) as run:
         await until(lambda: run.stage.monitor.cursor_count > 0, PATIENCE_S, "a cursor")
         with pytest.raises(

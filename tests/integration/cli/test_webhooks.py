@@ -208,7 +208,7 @@ def test_hosts_in_no_proxy_are_asked_directly(
     assert http_status.proxy_address(httpx.URL(url)) == ("http://proxy:3128" if has_proxy else None)
 
 
-async def test_name_that_no_system_can_look_up_is_a_failure_with_one_try() -> None:
+async def test_invalid_host_name_fails_after_one_attempt() -> None:
     _code, sentence = await send("http://xn--/hook")
     assert "http://xn--/... was not sent, as its address is not valid (" in sentence
     assert sentence.endswith("): correct it")
@@ -237,6 +237,6 @@ def test_hosts_of_this_network_need_no_proxy(host: str, *, expected: bool) -> No
         ("http://x/{usr}", "did you mean user"),
     ],
 )
-def test_what_is_no_webhook_is_one_sentence(url: str, sentence: str) -> None:
+def test_invalid_webhook_is_one_sentence(url: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         Reaction.parse(f"screws={url}")

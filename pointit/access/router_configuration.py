@@ -249,7 +249,7 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
         "downsampling": [],
     }
 
-    # Zenoh rejects a limit of rates without a rule
+    # A limit without rules is left out
     rate_limits: list[dict[str, Any]] = [
         {"id": "people", "flows": ["ingress"], "rules": slowed},
         {"id": "history", "flows": ["ingress"], "rules": histories, "messages": ["query"]},
@@ -348,7 +348,7 @@ def _limits(site: str) -> list[dict[str, Any]]:
         key = row.at(ANY if row.placeholder else "")
         by_size.setdefault((message, size), []).append(f"{root}/{key}")
 
-    # A topic's message also travels in replies to late subscribers and in queries for what was lost
+    # A topic's messages also travel in replies, to late subscribers
     for topic in TOPICS:
         for message in ("put", "reply", "query"):
             add(topic, message, topic.message.max_bytes)

@@ -154,7 +154,7 @@ class ZenohTrace:
         self._long_lines: Counter[str] = Counter()
         """By connection."""
 
-        # Names arrive in other lines than operations, and a connection's first operation has its name
+        # Operations are counted by connection. Its name is learned from any line that has it
         self._names: dict[str, str] = {}
         """Common name by connection."""
         self._new_names: dict[str, str] = {}

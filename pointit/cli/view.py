@@ -98,7 +98,7 @@ def wrist_lines(monitor: Monitor) -> list[Text]:
         gaps = figure(health, GAPS) or 0.0
         rate_hz = figure(health, RATE) or 0.0
 
-        # A recording or a simulated wrist has nothing of these
+        # Wrists that are no device have none of these
         is_device = charge is not None or signal_dbm is not None
         if not is_device and not gaps:
             continue

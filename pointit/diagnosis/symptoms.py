@@ -198,7 +198,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     age_s = figure(health, ANCHOR_AGE)
     user = split_instance(instance)[1] or "NAME"
 
-    # Position: an anchor corrects the yaw only, so they have to localize
+    # Position: one lamp does not determine it, so they have to localize
     if position_m is not None and position_m > UNSURE_M:
         sentence = (
             f"the person's position is uncertain by {round_beyond(position_m, UNSURE_M, 2)} m "

@@ -150,7 +150,7 @@ def plugins() -> OutputSection:
             package = group.package(name)
             about = group.foreign_summary(name)
 
-            # One of ours has its own line, and is left out with its reason if an extra is missing
+            # One of ours has a line of its own, or the reason for which it cannot be imported
             if about is None:
                 try:
                     plugin = group.get(name)

@@ -225,7 +225,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ru
     if options["new_link"] and page.config.operator_token != tokens.operator:
         notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
 
-    # The page marks the output of the run among the devices that it finds
+    # A light that the page would connect waits if the run drives it
     run_output = page.config.run_output or choices.output
     config = page.config.model_copy(update={"run_output": run_output})
     beside = RunPage(

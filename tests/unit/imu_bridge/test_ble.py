@@ -58,13 +58,13 @@ def test_notifications_of_a_metamotion(frame: str, item: object) -> None:
     assert metamotion.parse(bytes.fromhex(frame), 9) == item
 
 
-def test_nine_axes_of_a_metamotion_configure_the_magnetometer_before_the_start() -> None:
+def test_metamotion_configures_its_magnetometer_before_the_start() -> None:
     commands = [each.hex() for each in metamotion.start("BMI270", magnetometer=True)]
     assert commands[:5] == ["19020113", "0303a803", "13032800", "1504040e", "150306"]
     assert commands.index("150101") < commands.index("190101")
 
 
-def test_motor_of_a_metamotion_runs_at_once_and_its_led_flashes_in_the_colour() -> None:
+def test_metamotion_cue_runs_the_motor_and_flashes_the_led() -> None:
     assert metamotion.buzz(150).hex() == "0801f8960000"
     cue = Feedback(stamp_ns=0, seq=1, cue="target", haptic_ms=(150, 50, 80), color=(0, 255, 8))
     commands = [(pause_s, each.hex()) for pause_s, each in metamotion.cue(cue)]
@@ -81,7 +81,7 @@ def test_motor_of_a_metamotion_runs_at_once_and_its_led_flashes_in_the_colour() 
     assert metamotion.cue(Feedback(stamp_ns=0, seq=1, cue="target")) == []
 
 
-def test_no_command_of_a_metamotion_is_longer_than_its_limit() -> None:
+def test_metamotion_commands_are_within_their_length_limit() -> None:
     cue = Feedback(stamp_ns=0, seq=1, cue="target", haptic_ms=(2000,) * 5, color=(255, 255, 255))
     every = (*metamotion.start("BMI160", magnetometer=True), *metamotion.teardown())
     assert max(len(each) for each in (*every, *(each for _, each in metamotion.cue(cue)))) <= 18
@@ -120,7 +120,7 @@ def test_frames_of_a_witmotion_are_found_however_they_are_split(
     assert len(set(found)) == 1
 
 
-def test_payload_of_an_xsens_dot_is_microseconds_and_a_quaternion_with_the_scalar_first() -> None:
+def test_xsens_dot_payload_is_microseconds_and_scalar_first_quaternion() -> None:
     reading = xsens_dot.parse(struct.pack("<I4f", 1_000_000, 0.6, 0.0, 0.8, 0.0), 9)
     assert reading is not None
     assert (reading.stamp_ns, reading.device_time_ns) == (9, 1_000_000_000)
@@ -172,7 +172,7 @@ class Broken(BaseBleakScanner):
         raise AssertionError
 
 
-async def test_machine_without_an_adapter_is_a_warning_and_a_failed_search(
+async def test_missing_adapter_is_a_warning_and_a_failed_search(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(VIRTUAL_RADIOS, "broken", Radio(scanner=Broken))
@@ -217,7 +217,7 @@ def test_searches_share_one_scan() -> None:
         device.close()
 
 
-def test_a_short_press_two_of_them_and_a_long_one_are_three_gestures() -> None:
+def test_short_double_and_long_presses_are_three_gestures() -> None:
     gestures = ButtonGestures()
     assert (gestures.down(0.0), gestures.up(0.1)) == (None, None)
     assert gestures.due_s == pytest.approx(0.1 + DOUBLE_S)

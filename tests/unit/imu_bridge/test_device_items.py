@@ -102,7 +102,7 @@ def puppet(worn: tuple[Bench, Puppet]) -> Puppet:
     return worn[1]
 
 
-async def test_battery_and_signal_are_shown_and_the_battery_is_in_the_samples(
+async def test_battery_and_signal_are_metrics_and_the_battery_in_samples(
     bench: Bench, puppet: Puppet
 ) -> None:
     samples = bench.collect(IMU, "anna")
@@ -116,9 +116,7 @@ async def test_battery_and_signal_are_shown_and_the_battery_is_in_the_samples(
     assert "the battery of anna's wrist (page) is at 6%: charge it" in said(health)
 
 
-async def test_lost_connection_is_a_warning_until_it_is_back_and_silence_another(
-    bench: Bench, puppet: Puppet
-) -> None:
+async def test_lost_connection_and_silence_are_warnings_of_their_own(bench: Bench, puppet: Puppet) -> None:
     health = bench.collect(HEALTH, INSTANCE)
     puppet.give(Reconnected(), Disconnected("the wrist is out of reach"))
     await asyncio.sleep(10.0)
@@ -143,7 +141,7 @@ async def test_lost_connection_is_a_warning_until_it_is_back_and_silence_another
 
 
 @pytest.mark.parametrize(("again", "epoch"), [(Reconnected(keeps_yaw=True), 0), (Reconnected(), 1)])
-async def test_yaw_origin_is_new_after_a_reconnection_unless_the_device_kept_it(
+async def test_yaw_origin_is_new_after_reconnection_unless_the_device_kept_it(
     again: Reconnected, epoch: int, bench: Bench, puppet: Puppet
 ) -> None:
     samples = bench.collect(IMU, "anna")
@@ -153,9 +151,7 @@ async def test_yaw_origin_is_new_after_a_reconnection_unless_the_device_kept_it(
     assert [sample.yaw_epoch for sample in samples] == [0, epoch]
 
 
-async def test_cue_of_the_person_reaches_the_device_at_once_and_that_of_others_does_not(
-    bench: Bench, puppet: Puppet
-) -> None:
+async def test_cue_reaches_the_device_of_its_person_at_once(bench: Bench, puppet: Puppet) -> None:
     puppet.give(Reconnected())
     began_s = asyncio.get_running_loop().time()
     for user, haptic_ms in (("ben", (10,)), ("anna", (150,))):
@@ -180,7 +176,7 @@ async def test_device_time_that_falls_again_and_again_is_not_used(bench: Bench, 
     assert "stands still, jumps, or is not as fast" in said(health)
 
 
-async def test_bursts_of_a_radio_are_stamped_with_the_times_of_capture(bench: Bench, puppet: Puppet) -> None:
+async def test_radio_bursts_are_stamped_with_their_times_of_capture(bench: Bench, puppet: Puppet) -> None:
     """Each 50 ms the five samples of that time arrive at once."""
     stamps: list[tuple[int, int]] = []
 
@@ -202,9 +198,7 @@ async def test_bursts_of_a_radio_are_stamped_with_the_times_of_capture(bench: Be
     assert all(0 <= now_ns - stamp_ns < NS_PER_S // 20 for stamp_ns, now_ns in settled)
 
 
-async def test_age_of_the_oldest_reading_of_a_second_is_shown_by_the_time_of_the_device(
-    bench: Bench, puppet: Puppet
-) -> None:
+async def test_age_metric_is_that_of_the_oldest_reading_of_a_second(bench: Bench, puppet: Puppet) -> None:
     """In the last seconds, 40 readings wait for 10 to 400 ms, again and again."""
     health = bench.collect(HEALTH, INSTANCE)
     puppet.give(Reading(bench.clock.now_ns(), LEVEL))
@@ -253,7 +247,7 @@ async def test_raw_readings_of_a_sensor_at_rest_become_its_tilt(bench: Bench, pu
     assert said(health) == ""
 
 
-async def test_raw_readings_with_times_in_another_unit_are_fused_by_their_arrival(
+async def test_raw_readings_are_fused_by_arrival_when_their_unit_is_wrong(
     bench: Bench, puppet: Puppet
 ) -> None:
     pytest.importorskip("vqf")

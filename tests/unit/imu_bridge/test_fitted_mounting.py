@@ -41,7 +41,7 @@ def assert_same(a: Quaternion, b: Quaternion, tolerance_deg: float = 1e-3) -> No
 
 
 @given(roll=angles, pitch=st.floats(-1.5, 1.5), yaw=angles, azimuth=angles, drift=angles, twist=angles)
-def test_any_way_of_wearing_is_recovered_whatever_the_heading_and_twist_of_the_arm(
+def test_mounting_is_recovered_for_any_heading_and_twist_of_the_arm(
     *, roll: float, pitch: float, yaw: float, azimuth: float, drift: float, twist: float
 ) -> None:
     worn = from_roll_pitch_yaw(roll, pitch, yaw)
@@ -53,7 +53,7 @@ def test_any_way_of_wearing_is_recovered_whatever_the_heading_and_twist_of_the_a
 
 
 @given(low=slight, high=slight)
-def test_poses_held_badly_cost_no_more_than_what_they_are_off(low: float, high: float) -> None:
+def test_error_of_the_mounting_is_at_most_that_of_the_poses(low: float, high: float) -> None:
     worn = from_roll_pitch_yaw(1.0, 0.4, 2.0)
     found = solve_mounting(held(0.5, low, worn), held(0.5, math.pi / 2 + high, worn))
     arm = rotation.rotate(found.arm_from_true, (1.0, 0.0, 0.0))
@@ -61,7 +61,7 @@ def test_poses_held_badly_cost_no_more_than_what_they_are_off(low: float, high: 
     assert vector.angle_between(arm, wanted) <= (abs(low) + abs(high)) / 2 + 1e-7
 
 
-def test_the_mean_does_not_mind_the_quaternions_signs() -> None:
+def test_mean_pose_ignores_the_signs_of_quaternions() -> None:
     found = mean_pose(np.array([[0.0, 0.0, 0.1, 1.0], [0.0, 0.0, 0.1, -1.0], [0.0, 0.0, -0.1, -1.0]]))
     assert_same(found.mean_xyzw, (0.0, 0.0, math.sin(0.0332), math.cos(0.0332)), 0.1)
 
@@ -100,7 +100,9 @@ UP = math.pi / 2
         ((0.0, 0.0), (UP - 0.6, 0.0), "34° from level"),
     ],
 )
-def test_no_mounting_is_refused(forward: tuple[float, float], up: tuple[float, float], words: str) -> None:
+def test_mounting_is_refused_when_the_poses_do_not_determine_it(
+    forward: tuple[float, float], up: tuple[float, float], words: str
+) -> None:
     worn = from_roll_pitch_yaw(0.4, 0.1, 0.2)
     with pytest.raises(MountingError, match=words):
         solve_mounting(
@@ -108,7 +110,7 @@ def test_no_mounting_is_refused(forward: tuple[float, float], up: tuple[float, f
         )
 
 
-def test_a_rest_counts_from_the_last_movement() -> None:
+def test_rest_begins_at_the_last_movement() -> None:
     stillness = RestPoseCollector(1.0)
     at = rotation.from_yaw
     for step in range(9):

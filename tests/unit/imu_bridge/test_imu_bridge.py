@@ -84,7 +84,7 @@ async def test_simulated_samples_are_of_the_arm_whatever_the_mounting(mounting: 
         assert vector.angle_between(finger(samples[0]), finger(samples[-1])) > 0.05
 
 
-async def test_a_request_is_refused_while_nothing_was_read(tmp_path: Path) -> None:
+async def test_yaw_request_is_refused_before_the_first_reading(tmp_path: Path) -> None:
     async with memory_bench(WallClock()) as bench:
         bench.start(ImuBridge, serial_config(tmp_path / "absent"), user="anna")
         await bench.settle()
@@ -98,7 +98,7 @@ def recording(tmp_path: Path, rows: Sequence[Sequence[float]]) -> Path:
     return path
 
 
-async def test_a_replay_publishes_every_sample_at_its_time_repeats_included(tmp_path: Path) -> None:
+async def test_replay_publishes_every_sample_at_its_time(tmp_path: Path) -> None:
     rows = [(5.0, 1, 0, 0, 0), (5.1, 1, 0, 0, 0), (5.3, 0, 0, 0, 1), (5.35, 0.6, 0, 0, 0.8)]
     clock = ManualClock()
     start_ns = clock.now_ns() + 50_000_000
@@ -128,7 +128,7 @@ async def test_a_replay_publishes_every_sample_at_its_time_repeats_included(tmp_
 
 
 @in_virtual_time
-async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
+async def test_replay_loops_and_skips_samples_of_the_past(tmp_path: Path) -> None:
     rows = [(t / 10, 1.0, 0.0, 0.0, 0.0) for t in range(11)]
     clock = VirtualClock()
     start_ns = clock.now_ns() - 550_000_000
@@ -149,9 +149,7 @@ async def test_a_replay_may_loop_and_skips_what_is_past(tmp_path: Path) -> None:
 
 
 @in_virtual_time
-async def test_a_replay_leaves_out_lost_orientations(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_replay_omits_lost_orientations(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     rows = [(t / 10, float(t not in (3, 4)), 0.0, 0.0, 0.0) for t in range(11)]
     replay = ReplayConfig(recording=str(recording(tmp_path, rows)), lost="0")
     source = ReplaySource(replay, VirtualClock())
@@ -212,7 +210,7 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             await until(lambda: has_warning(reports, "is not text"))
 
 
-async def test_a_port_that_another_program_holds_is_not_shared(tmp_path: Path) -> None:
+async def test_port_of_another_program_is_not_shared(tmp_path: Path) -> None:
     async with memory_bench(WallClock()) as bench:
         reports = bench.collect(HEALTH)
         with pty_device(tmp_path / "imu") as device:
@@ -226,7 +224,7 @@ async def test_a_port_that_another_program_holds_is_not_shared(tmp_path: Path) -
 S = NS_PER_S
 
 
-def test_a_device_time_that_falls_is_a_restart_and_disorder_is_none() -> None:
+def test_falling_device_time_is_a_restart_unless_out_of_order() -> None:
     epoch = YawEpoch()
     assert epoch.read(100 * S) == 100 * S
     assert epoch.read(100 * S - S // 2) == 100 * S - S // 2
@@ -239,7 +237,7 @@ def test_a_device_time_that_falls_is_a_restart_and_disorder_is_none() -> None:
     assert epoch.count == 1
 
 
-def test_a_clock_of_32_bits_that_wraps_goes_on() -> None:
+def test_clock_of_32_bits_is_unwrapped() -> None:
     epoch = YawEpoch()
     before = epoch.read(WRAP_NS - S // 10)
     after = epoch.read(S // 10)
@@ -251,7 +249,7 @@ def test_a_clock_of_32_bits_that_wraps_goes_on() -> None:
     assert epoch.count == 1
 
 
-def test_the_first_connection_is_none_and_each_later_one_is() -> None:
+def test_first_connection_keeps_the_yaw_epoch_and_later_ones_raise_it() -> None:
     epoch = YawEpoch()
     epoch.reconnected()
     assert epoch.count == 0
@@ -262,7 +260,7 @@ def test_the_first_connection_is_none_and_each_later_one_is() -> None:
 
 
 @pytest.mark.usefixtures("own_state")
-async def test_requests_that_turn_the_yaw_raise_its_epoch_and_others_do_not() -> None:
+async def test_yaw_epoch_rises_with_requests_that_turn_the_yaw() -> None:
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, "anna")
         still = SimulatedConfig(azimuth_amplitude_deg=0, elevation_amplitude_deg=0)
@@ -336,7 +334,7 @@ async def some_more(samples: list[ImuSample], that: Callable[[ImuSample], bool])
     return samples[-1]
 
 
-async def test_the_own_device_is_held_back_while_a_page_has_the_wrist_and_goes_on_then() -> None:
+async def test_own_device_is_silent_while_a_page_moves_the_wrist() -> None:
     async with site(simulated=STILL) as here:
         await until(lambda: bool(here.samples), what="the simulated device")
         async with here.held():
@@ -351,7 +349,7 @@ async def test_the_own_device_is_held_back_while_a_page_has_the_wrist_and_goes_o
         assert {sample.yaw_epoch for sample in here.samples} == {0}
 
 
-async def test_a_page_is_waited_for_without_a_warning_and_its_sample_passed_on_with_all_it_says() -> None:
+async def test_page_sample_is_published_complete_and_its_absence_no_warning() -> None:
     async with site(source="page") as here:
         await until(lambda: len(here.reports) > 1)
         assert here.reports[-1].warnings == ()
@@ -365,7 +363,7 @@ async def test_a_page_is_waited_for_without_a_warning_and_its_sample_passed_on_w
         assert (sample.battery, sample.device_time_ns, sample.yaw_epoch) == (0.5, 12, 1)
 
 
-async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tmp_path: Path) -> None:
+async def test_device_presses_are_dropped_and_its_restart_noticed_beside_a_page(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         serial = SerialConfig(port=str(device.path), line="{t_us},{w},{x},{y},{z}")
         async with site(source="serial", serial=serial) as here:
@@ -386,7 +384,7 @@ async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tm
             assert here.presses[0].seq == 1
 
 
-async def test_a_simulated_person_beside_it_has_the_number_0() -> None:
+async def test_yaw_epoch_of_a_simulated_person_is_zero() -> None:
     async with site(source="page") as here:
         token = here.bench.bus.announce(SERVICE_ALIVE, f"user-sim.{ANNA}")
         here.bench.bus.announce(SERVICE_ALIVE, "user-sim.ben").close()
@@ -404,7 +402,7 @@ async def test_a_simulated_person_beside_it_has_the_number_0() -> None:
 
 
 @pytest.mark.parametrize("source", ["page", "simulated"])
-async def test_the_phones_mounting_is_measured_kept_used_again_and_forgotten(source: str) -> None:
+async def test_phone_mounting_is_measured_stored_reused_and_erased(source: str) -> None:
     turned = rotation.from_yaw(0.3)
     expected = rotation.multiply(MOUNTINGS["phone"], turned)
     relative = SetMounting(sensor_from_arm_xyzw=turned, is_relative=True)
@@ -436,7 +434,7 @@ async def test_the_phones_mounting_is_measured_kept_used_again_and_forgotten(sou
             assert list(kept.by_source) == ["simulated"]
 
 
-async def test_nothing_is_mounted_on_a_mouse() -> None:
+async def test_mounting_of_a_mouse_is_refused() -> None:
     async with site(simulated=STILL) as here, here.held():
         with pytest.raises(RefusedError, match="mouse or ROS moves the wrist"):
             await here.bench.bus.call(SET_MOUNTING, SetMounting(), ANNA)
@@ -454,7 +452,7 @@ async def test_health_shows_the_device_of_the_page_and_its_battery() -> None:
         await until(lambda: not here.figures() and not here.reports[-1].warnings)
 
 
-async def test_a_page_whose_clock_is_ahead_is_said_and_late_samples_are_counted() -> None:
+async def test_page_clock_ahead_is_a_warning_and_late_samples_are_counted() -> None:
     async with site(source="page") as here:
         here.send(ahead_s=30.0)
         await until(lambda: bool(here.reports) and bool(here.reports[-1].warnings))

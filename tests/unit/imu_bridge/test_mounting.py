@@ -36,7 +36,7 @@ def kept(
     return after
 
 
-def test_a_relative_one_counts_from_the_one_in_use() -> None:
+def test_relative_mounting_is_applied_to_the_one_in_use() -> None:
     wearing = MountingSelection(ImuBridgeConfig(mounting="metamotion"))
     wearing.set(ask(TURNED, relative=True), 1)
     expected = rotation.multiply(MOUNTINGS["metamotion"], TURNED)
@@ -51,7 +51,7 @@ def test_a_relative_one_counts_from_the_one_in_use() -> None:
     assert "as configured (metamotion)" in wearing.describe()
 
 
-def test_each_kind_of_source_has_its_own() -> None:
+def test_mountings_are_kept_for_each_kind_of_source() -> None:
     simulated = ImuBridgeConfig()
     serial = ImuBridgeConfig(source="serial")
     state = kept(serial, MOUNTINGS["minus_y"], kept(simulated, TURNED))
@@ -89,7 +89,7 @@ async def set_mounting(bench: Bench, query: SetMounting) -> SetMountingReply:
     return reply
 
 
-async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_state: Path) -> None:
+async def test_measured_mounting_is_used_until_it_is_erased(own_state: Path) -> None:
     arm = vector.direction(0.0, math.radians(20))
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, ANNA)
@@ -119,7 +119,7 @@ async def test_it_is_used_at_once_and_after_a_restart_until_it_is_erased(own_sta
     assert not path.exists()
 
 
-async def test_corrupt_file_is_a_warning_and_an_unstored_mounting_is_used(own_state: Path) -> None:
+async def test_corrupt_file_is_a_warning_and_an_unstored_mounting_used(own_state: Path) -> None:
     path = own_state / "users" / ANNA / "mounting.json"
     path.parent.mkdir(parents=True)
     path.write_text('{"by_source": {"simulated": 7}}', encoding="utf-8")
@@ -157,7 +157,7 @@ SENSOR_AXIS = {
 
 @pytest.mark.parametrize("name", sorted(MOUNTINGS))
 @given(azimuth=angles, elevation=elevations, roll=angles)
-def test_the_arm_points_where_the_sensors_axis_does(
+def test_arm_points_along_the_axis_of_the_sensor(
     name: str, azimuth: float, elevation: float, roll: float
 ) -> None:
     sensor = rotation.from_azimuth_elevation(azimuth, elevation, roll)
@@ -167,21 +167,19 @@ def test_the_arm_points_where_the_sensors_axis_does(
 
 
 @pytest.mark.parametrize("name", sorted(MOUNTINGS))
-def test_what_is_up_on_the_sensor_is_up_on_the_arm(name: str) -> None:
+def test_mountings_keep_the_upper_side_of_the_sensor(name: str) -> None:
     assert rotation.rotate(MOUNTINGS[name], (0.0, 0.0, 1.0)) == pytest.approx((0.0, 0.0, 1.0))
 
 
 @given(roll=angles, pitch=elevations, yaw=angles)
-def test_roll_pitch_yaw_turn_about_the_fixed_axes_in_that_order(
-    roll: float, pitch: float, yaw: float
-) -> None:
+def test_roll_pitch_yaw_turn_about_fixed_axes_in_this_order(roll: float, pitch: float, yaw: float) -> None:
     expected = Rotation.from_euler("xyz", [roll, pitch, yaw])
     ours = Rotation.from_quat(from_roll_pitch_yaw(roll, pitch, yaw))
     assert (ours.inv() * expected).magnitude() < 1e-7
 
 
 @given(azimuth=angles, origin=angles)
-def test_the_yaw_origin_counts_as_zero(azimuth: float, origin: float) -> None:
+def test_yaw_origin_is_azimuth_zero(azimuth: float, origin: float) -> None:
     arm = ArmFrame(rotation.IDENTITY, origin).orientation(rotation.from_azimuth_elevation(azimuth, 0.3))
     finger = rotation.rotate(arm, (1.0, 0.0, 0.0))
     assert math.isclose(vector.wrap(vector.azimuth(finger) - (azimuth - origin)), 0.0, abs_tol=1e-9)
@@ -190,7 +188,7 @@ def test_the_yaw_origin_counts_as_zero(azimuth: float, origin: float) -> None:
 
 @pytest.mark.parametrize("name", sorted(MOUNTINGS))
 @given(azimuth=angles, elevation=elevations, roll=angles, wanted=angles)
-def test_turning_makes_the_arm_read_the_wanted_yaw_and_keeps_its_elevation(
+def test_set_azimuth_sets_the_yaw_and_keeps_the_elevation(
     name: str, azimuth: float, elevation: float, roll: float, wanted: float
 ) -> None:
     frame = ArmFrame(MOUNTINGS[name], 1.0)

@@ -114,7 +114,7 @@ def test_norm_beyond_the_tolerance_is_refused(
     assert turned is None
 
 
-def test_two_decimals_are_within_the_tolerance_in_a_recording_too(tmp_path: Path) -> None:
+def test_quaternions_of_two_decimals_are_accepted_in_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "arm.csv"
     path.write_text("t,qw,qx,qy,qz\n0,0.71,0.00,0.71,0.12\n")
     assert read_imu_csv(path).orientation_xyzw[0] == pytest.approx([0.0, 0.7020, 0.1186, 0.7020], abs=1e-3)

@@ -54,7 +54,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
         yield
 
 
-async def test_source_that_fails_is_named_and_replaced_by_one_that_finds_what_it_stored(
+async def test_failed_source_is_named_and_replaced_with_its_stored_state(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
@@ -76,13 +76,13 @@ async def test_source_that_fails_is_named_and_replaced_by_one_that_finds_what_it
         await until(lambda: any(map(names_both, health)))
 
 
-def test_source_that_cannot_check_its_parameters_is_refused_in_one_sentence() -> None:
+def test_source_is_refused_when_its_check_fails() -> None:
     launch = Launch(service=ImuBridge, config=ImuBridgeConfig(source="unchecked"), user="anna")
     with pytest.raises(ConfigError, match=r"imu-bridge\.anna: .*'unchecked' of strangers-parts .*\(ZeroDiv"):
         check_launches([launch])
 
 
-def test_flood_is_cut_to_what_the_site_can_take_and_reported_for_a_while() -> None:
+def test_flood_is_limited_and_reported_for_a_while() -> None:
     check = ReadingCheck()
     now_ns = 1_700_000_000 * NS_PER_S
     taken = 0

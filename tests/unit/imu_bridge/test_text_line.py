@@ -98,12 +98,12 @@ def test_other_lines_are_refused_with_a_parameter_that_reads_them(line: str, pla
 
 
 @pytest.mark.parametrize("line", ANGLES)
-def test_lines_without_a_quaternion_are_refused_with_the_remedy_in_the_sketch(line: str) -> None:
+def test_lines_without_a_quaternion_are_refused_with_a_remedy(line: str) -> None:
     with pytest.raises(ContentError, match="let the device send four numbers, w, x, y and z"):
         LineParser().parse(line.encode())
 
 
-def test_two_sensors_of_a_port_are_refused_until_one_is_named() -> None:
+def test_sensors_of_one_port_are_refused_until_one_is_named() -> None:
     lines = b"\r\nwrist,0.6,0.64,0,-0.48\r\nelbow,0.8,0,0.6,0" * 20 + b"\r\n"
     form = "{sensor},{w},{x},{y},{z}"
     sensors = SensorChoice("serial.sensor")
@@ -169,7 +169,7 @@ def test_sensors_with_numbers_take_turns_and_are_reported() -> None:
     assert sensors.warning.startswith("several sensors send in one stream (0, 1, 2")
 
 
-def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> None:
+def test_missing_configured_sensor_is_named_with_those_heard() -> None:
     sensors = SensorChoice("udp.sensor", "Wrist")
     assert not any(sensors.accepts("elbow") for _ in range(3))
     assert (
@@ -180,7 +180,7 @@ def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> N
     assert sensors.warning == ""
 
 
-def test_port_that_sends_nothing_is_told_from_one_that_sends_nothing_readable() -> None:
+def test_silent_port_is_distinguished_from_an_unreadable_one() -> None:
     warnings: list[str | None] = []
     for data in (b"", b"\x55\x59\x82"):
         watch = SilenceWatch("the port", 3.0, 0.0)
@@ -194,7 +194,7 @@ def test_port_that_sends_nothing_is_told_from_one_that_sends_nothing_readable() 
     assert "3 bytes, the first 55 59 82; tried " in (warnings[1] or "")
 
 
-def test_warning_of_a_port_shows_the_line_and_the_parameter_alone() -> None:
+def test_port_warning_shows_the_line_and_the_parameter() -> None:
     detection = Detection(SerialConfig())
     watch = SilenceWatch("the port", 3.0, 0.0)
     warning = ""
@@ -221,7 +221,7 @@ def test_warning_of_a_port_shows_the_line_and_the_parameter_alone() -> None:
         (b"", "''"),
     ],
 )
-def test_readable_data_is_shown_as_text_and_other_data_in_hexadecimal(data: bytes, shown: str) -> None:
+def test_quoted_data_is_text_or_hexadecimal_when_unreadable(data: bytes, shown: str) -> None:
     assert quoted(data) == shown
 
 
@@ -252,7 +252,7 @@ def quaternion(line: bytes, parser: LineParser | None = None) -> QuaternionLine:
         b'{"quat": {"x": -0.5, "y": 0.5, "z": 0.5, "w": 0.5}}',
     ],
 )
-def test_all_forms_of_one_quaternion(line: bytes) -> None:
+def test_quaternion_is_read_in_all_its_forms(line: bytes) -> None:
     assert quaternion(line).orientation_xyzw == (-0.5, 0.5, 0.5, 0.5)
 
 
@@ -306,7 +306,7 @@ def test_form_without_a_clear_quaternion_is_refused(form: str, reason: str) -> N
         UdpConfig(line=form)
 
 
-def test_line_that_nearly_fits_a_form_of_many_parts_is_refused_at_once() -> None:
+def test_line_that_nearly_fits_a_long_form_is_refused_fast() -> None:
     parser = LineParser("wxyz", ":".join(["{_}"] * 40) + ",{w},{x},{y},{z}")
     with pytest.raises(ContentError):
         parser.parse(b":" * 200 + b"1:" * 28)
@@ -362,7 +362,7 @@ def test_random_almost_lines_give_unit_quaternions_or_reasons(text: str) -> None
         assert math.isclose(math.hypot(*parsed.orientation_xyzw), 1.0, abs_tol=1e-9)
 
 
-def test_the_first_partial_line_is_thrown_away() -> None:
+def test_first_partial_line_is_discarded() -> None:
     splitter = LineSplitter()
     assert splitter.feed(b"0,0,0\n1,0,") == []
     assert splitter.feed(b"0,0\r\nb") == [b"1,0,0,0"]
@@ -370,7 +370,7 @@ def test_the_first_partial_line_is_thrown_away() -> None:
 
 
 @given(st.lists(st.sampled_from([b"1,0,0,0", b"button", b"x" * 300, b""]), max_size=20), st.integers(1, 50))
-def test_how_the_stream_is_cut_into_chunks_does_not_matter(lines: list[bytes], size: int) -> None:
+def test_lines_are_read_however_the_stream_is_cut(lines: list[bytes], size: int) -> None:
     stream = b"\n" + b"".join(line + b"\r\n" for line in lines)
     whole = LineSplitter()
     pieces = LineSplitter()
@@ -381,7 +381,7 @@ def test_how_the_stream_is_cut_into_chunks_does_not_matter(lines: list[bytes], s
     assert pieces.overlong == whole.overlong == lines.count(b"x" * 300)
 
 
-def test_device_on_a_port_without_an_orientation_is_told_what_to_set() -> None:
+def test_device_without_an_orientation_is_a_warning_with_its_remedy() -> None:
     watch = SilenceWatch("the port", 3.0, 0.0)
     detection = Detection(SerialConfig(format="ximu3", baud=115_200))
     for data in (b"T,1000000,25.5\r\n", b"N,1000000,ok\r\n"):

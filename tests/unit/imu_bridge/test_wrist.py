@@ -80,7 +80,7 @@ def test_silence_is_not_judged_after_this_machine_has_stalled() -> None:
     assert len(said(wrist, 16.0)) == 1
 
 
-def test_same_orientation_for_long_is_a_table_or_a_frozen_device() -> None:
+def test_orientation_that_stays_equal_is_a_warning() -> None:
     wrist = monitor()
     send(wrist, at_50_hz(0.0, 5.0))
     send(wrist, at_50_hz(5.0, 5.0 + FROZEN_S - 0.5), (0.0, 0.0, 0.0, 1.0))
@@ -231,7 +231,7 @@ def test_small_step_of_a_clock_is_followed_within_a_second(step_s: float, jumps:
 
 
 @pytest.mark.parametrize("ahead_s", [0.2, 0.45, 3.0])
-def test_one_device_time_that_is_ahead_is_ignored(ahead_s: float) -> None:
+def test_single_device_time_ahead_is_ignored(ahead_s: float) -> None:
     clock = DeviceClock()
     device_ns, arrival_ns = fed(clock, 7 * NS_PER_S, HOST_NS, 60.5)
     assert clock.capture_ns(device_ns + round(ahead_s * NS_PER_S), arrival_ns) == arrival_ns
@@ -249,7 +249,7 @@ def test_link_that_stalls_is_no_jump() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-3, 1000.0])
-def test_clock_of_another_unit_or_that_stands_still_is_not_used(speed: float) -> None:
+def test_clock_is_not_used_when_its_unit_is_wrong_or_it_stands(speed: float) -> None:
     clock = DeviceClock()
     for number in range(2000):
         clock.capture_ns(round(number * 10 * MS * speed), HOST_NS + number * 10 * MS)
@@ -318,7 +318,7 @@ def finger(turned: PageOrientation | None) -> vector.Vec3:
     return rotation.rotate(turned.orientation_xyzw, (1.0, 0.0, 0.0))
 
 
-def test_a_mouses_arm_is_taken_as_it_is_and_a_phone_points_with_its_top() -> None:
+def test_mouse_gives_the_arm_itself_and_a_phone_points_with_its_top() -> None:
     hand = Hand()
     arm = rotation.from_azimuth_elevation(0.4, -0.2)
     assert finger(hand.send(0.0, "arm", arm)) == pytest.approx(vector.direction(0.4, -0.2))
@@ -337,7 +337,7 @@ def test_it_has_the_wrist_until_its_patience_is_over() -> None:
     assert hand.page.is_active(at(9.0), speed=10.0)  # a second of the wall is ten of the site
 
 
-def test_what_is_older_than_what_came_is_left_out_and_still_keeps_the_wrist() -> None:
+def test_late_sample_is_dropped_and_still_holds_the_wrist() -> None:
     hand = Hand()
     assert hand.send(0.2) is not None
     assert hand.send(0.1, comes_s=0.9) is None
@@ -346,7 +346,7 @@ def test_what_is_older_than_what_came_is_left_out_and_still_keeps_the_wrist() ->
     assert hand.send(0.2, comes_s=1.0) is not None  # said again, not older
 
 
-def test_one_from_the_future_is_left_out_and_does_not_make_the_others_late() -> None:
+def test_sample_from_the_future_is_dropped_and_makes_no_other_late() -> None:
     hand = Hand()
     assert hand.send(7.0, comes_s=0.0) is None
     assert hand.page.ahead_ns == 7 * NS_PER_S
@@ -354,14 +354,14 @@ def test_one_from_the_future_is_left_out_and_does_not_make_the_others_late() -> 
     assert hand.page.ahead_ns is None  # pyrefly: ignore[unnecessary-comparison]  # changed meanwhile
 
 
-def test_a_clock_that_is_set_back_does_not_lock_the_page_out() -> None:
+def test_page_moves_the_wrist_after_the_clock_was_set_back() -> None:
     hand = Hand()
     hand.send(1000.0)
     assert hand.send(10.0) is not None
     assert hand.page.late == 0
 
 
-def test_a_mouse_leaves_the_origin_as_it_is_and_a_phone_has_its_own_in_each_session() -> None:
+def test_mouse_keeps_the_yaw_origin_and_each_phone_session_has_its_own() -> None:
     hand = Hand()
     assert hand.epoch(0.0) == 0
     assert hand.epoch(5.0) == 0  # gave back, took again
@@ -379,7 +379,7 @@ def test_a_mouse_leaves_the_origin_as_it_is_and_a_phone_has_its_own_in_each_sess
     assert hand.epoch(50.0, "arm") == second  # nobody else has it, so the pose is the phone's still
 
 
-def test_device_time_is_passed_on_for_a_phone_alone_and_for_a_still_one_only_once() -> None:
+def test_device_time_is_published_once_and_of_a_phone_alone() -> None:
     """A mouse's page would seem to be a restarted wristband. A repeated time would mean a repeated sample."""
     hand = Hand()
     devices: list[tuple[Device, int]] = [("arm", 5), ("phone", 6), ("phone", 6), ("phone", 6), ("phone", 7)]
@@ -387,7 +387,7 @@ def test_device_time_is_passed_on_for_a_phone_alone_and_for_a_still_one_only_onc
     assert [each and each.device_time_ns for each in turned] == [None, 6, None, None, 7]
 
 
-def test_a_phone_is_centred_and_stays_so_a_mouses_arm_until_it_lets_go() -> None:
+def test_phone_stays_centred_and_a_mouse_until_it_releases_the_wrist() -> None:
     hand = Hand()
     devices: tuple[Device, ...] = ("phone", "arm")
     for began_s, device in enumerate(devices):
@@ -402,7 +402,7 @@ def test_a_phone_is_centred_and_stays_so_a_mouses_arm_until_it_lets_go() -> None
     assert hand.epoch(30.1, "arm") == 0
 
 
-def test_an_arm_that_points_up_has_no_azimuth_and_one_that_never_came_neither() -> None:
+def test_azimuth_is_refused_when_the_arm_is_steep_or_never_came() -> None:
     hand = Hand()
     with pytest.raises(ValueError, match="nothing yet"):
         hand.page.turn_to(0.0)
@@ -411,7 +411,7 @@ def test_an_arm_that_points_up_has_no_azimuth_and_one_that_never_came_neither() 
         hand.page.turn_to(0.0)
 
 
-def test_a_phone_worn_otherwise_has_another_origin() -> None:
+def test_phone_has_another_yaw_origin_when_its_mounting_changes() -> None:
     hand = Hand()
     hand.page.set_phone_mounting(MOUNTINGS["minus_x"])  # nobody has seen one yet
     assert hand.epoch(0.0, "phone") == 1
@@ -423,7 +423,7 @@ Step = tuple[Device, int, bool]
 
 
 @given(st.lists(st.tuples(st.sampled_from(["arm", "phone"]), st.integers(1, 3), st.booleans()), max_size=30))
-def test_the_localizer_is_told_of_every_new_origin_and_of_no_other(steps: list[Step]) -> None:
+def test_yaw_epoch_changes_with_new_origins_only(steps: list[Step]) -> None:
     """Between pages a simulated person moves the wrist, with samples of number 0."""
     hand = Hand()
     origin = YawOrigin()

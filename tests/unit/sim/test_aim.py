@@ -23,7 +23,7 @@ heights = st.floats(0.0, 3.0)
     st.floats(-3.1, 3.1),
     st.sampled_from(["left", "right"]),
 )
-def test_the_ray_of_the_aimed_arm_meets_the_target(
+def test_ray_of_the_aimed_arm_meets_the_target(
     target: Vec3, shoulder_m: float, yaw_rad: float, hand: Literal["left", "right"]
 ) -> None:
     position = (1.0, -2.0, 0.0)
@@ -47,7 +47,7 @@ def test_the_ray_of_the_aimed_arm_meets_the_target(
     assert vector.angle_between(ray.direction, sight) < 1e-6
 
 
-def test_a_short_arm_points_at_the_nearest_point_of_the_line() -> None:
+def test_short_arm_points_at_the_nearest_point_of_the_line() -> None:
     stance = Stance(BodyMeasures(shoulder_to_wrist_m=0.05, wrist_to_finger_m=0.05))
     # 10 cm cannot reach the level line 21 cm above the shoulder: the best it can do is straight up
     azimuth_rad, elevation_rad = stance.aim_at((5.0, 0.0, stance.eyes_m[2]))
@@ -56,7 +56,7 @@ def test_a_short_arm_points_at_the_nearest_point_of_the_line() -> None:
 
 
 @pytest.mark.parametrize("beside_deg", [(10.0, 0.0), (0.0, 10.0), (-5.0, -8.0)])
-def test_the_line_over_the_finger_passes_beside_by_what_was_asked(beside_deg: tuple[float, float]) -> None:
+def test_line_over_the_finger_deviates_by_the_given_error(beside_deg: tuple[float, float]) -> None:
     stance = Stance(BodyMeasures(neck_to_shoulder_m=0.15), "left", (1.0, 2.0, 0.0))
     target = (3.0, -1.0, 0.9)
     beside = (math.radians(beside_deg[0]), math.radians(beside_deg[1]))
@@ -68,7 +68,7 @@ def test_the_line_over_the_finger_passes_beside_by_what_was_asked(beside_deg: tu
     assert (seen[0] - meant[0], seen[1] - meant[1]) == pytest.approx(beside)
 
 
-def test_who_aims_by_the_arm_turns_it_to_the_thing() -> None:
+def test_arm_that_is_the_ray_turns_to_the_target() -> None:
     stance = Stance(BodyMeasures(), position_m=(1.0, 0.0, 0.0), ray_model="shoulder_arm")
     azimuth, elevation = stance.aim_at((3.0, 0.0, 0.0), (0.0, 0.1))
     assert azimuth == pytest.approx(0.0)

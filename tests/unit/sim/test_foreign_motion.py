@@ -125,9 +125,7 @@ ROBOTS = {
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_of_motion_capture_is_read_with_the_columns_that_the_refusal_names(
-    tmp_path: Path, name: str
-) -> None:
+def test_robot_is_read_with_the_columns_that_its_refusal_names(tmp_path: Path, name: str) -> None:
     content, columns = ROBOTS[name]
     path = tmp_path / name
     path.write_text(content)

@@ -99,7 +99,7 @@ def test_dates_with_times_are_read_where_they_are_declared(
 
 
 @pytest.mark.parametrize("up", ["y", "-y", "x", "-x", "-z"])
-def test_the_declared_axis_points_up(tmp_path: Path, up: str) -> None:
+def test_declared_axis_points_up(tmp_path: Path, up: str) -> None:
     """Motion is that of a file whose axes are turned, so that `up` is the room's z."""
     back = inverse(UP_AXES[up])
     rows: list[Row] = []
@@ -148,14 +148,14 @@ def test_positions_beyond_the_limit_are_refused_in_any_unit(tmp_path: Path, unit
 
 
 @pytest.mark.parametrize("separator", [" ", "    "])
-def test_a_lost_value_that_blanks_hide_is_refused(tmp_path: Path, separator: str) -> None:
+def test_lost_value_hidden_by_blanks_is_refused(tmp_path: Path, separator: str) -> None:
     rows = motion()
     rows[5][5:8] = ["", "", ""]
     with pytest.raises(ConfigError, match=r"line 7: has 8 cells .*, and there are 11 columns; correct"):
         read(tmp_path, text_of((*ARM, *BODIES), rows, separator))
 
 
-def test_a_quote_without_an_end_makes_a_short_message(tmp_path: Path) -> None:
+def test_quote_without_an_end_gives_a_short_message(tmp_path: Path) -> None:
     text = text_of((*ARM, *BODIES), motion())
     with pytest.raises(ConfigError, match="line 7: has 1 cells") as caught:
         read(tmp_path, text.replace("\n0.1,", '\n"0.1,'))
@@ -202,7 +202,7 @@ def test_implausible_units_are_refused_with_the_declaration(
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e6, 1e9, 1 / 60, 1 / 3600])
-def test_a_file_is_read_with_the_unit_of_times_that_its_refusal_names(tmp_path: Path, factor: float) -> None:
+def test_file_is_read_with_the_unit_that_its_refusal_names(tmp_path: Path, factor: float) -> None:
     text = text_of((*ARM, *BODIES), [[float(row[0]) * factor, *row[1:]] for row in motion()])
     with pytest.raises(ConfigError, match="set columns to its unit") as caught:
         read(tmp_path, text)
@@ -213,7 +213,7 @@ def test_a_file_is_read_with_the_unit_of_times_that_its_refusal_names(tmp_path: 
     assert any(float(period_s) == 1 / RATE_HZ for _, period_s in proposals)
 
 
-def test_a_robot_near_the_origin_in_centimetres_is_too_fast(tmp_path: Path) -> None:
+def test_robot_in_centimetres_is_refused_as_too_fast(tmp_path: Path) -> None:
     rows: list[Row] = [[*row[:5], 40.0 * float(row[0]), 30.0, 5.0] for row in motion()]
     with pytest.raises(
         ConfigError, match=r"the robot moves at 40 m/s, limit 30 m/s; set columns to their unit, .*cm"
@@ -221,7 +221,7 @@ def test_a_robot_near_the_origin_in_centimetres_is_too_fast(tmp_path: Path) -> N
         read(tmp_path, text_of((*ARM, *BODIES[:3]), rows))
 
 
-def test_a_head_in_millimetres_with_y_up_is_refused_with_both(tmp_path: Path) -> None:
+def test_head_in_millimetres_with_y_up_is_refused_with_both_remedies(tmp_path: Path) -> None:
     """Columns are those of OptiTrack's Motive."""
     rows: list[Row] = [[*row[:5], 1000 * float(row[8]), 1000 * float(row[10]), 300.0] for row in motion()]
     with pytest.raises(ConfigError, match=r"the head is .* m away, .* or both, plausible are .*mm with up y"):
@@ -229,9 +229,7 @@ def test_a_head_in_millimetres_with_y_up_is_refused_with_both(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("cell", "is_read"), [("2,000", False), ("2,0005", True), ("0,200", True)])
-def test_a_comma_of_thousands_is_not_taken_for_a_decimal_comma(
-    tmp_path: Path, cell: str, *, is_read: bool
-) -> None:
+def test_comma_of_thousands_is_no_decimal_comma(tmp_path: Path, cell: str, *, is_read: bool) -> None:
     rows: list[Row] = [[*row[:5], "999", cell, "500"] for row in motion()]
     text = text_of((*ARM, *BODIES[:3]), rows, "\t")
     columns = ",".join(f"{name}=mm" for name in BODIES[:3])
@@ -244,7 +242,7 @@ def test_a_comma_of_thousands_is_not_taken_for_a_decimal_comma(
         read(tmp_path, text, columns=columns)
 
 
-def test_a_robot_of_a_file_with_another_axis_up_is_below_the_floor(tmp_path: Path) -> None:
+def test_robot_with_another_axis_up_is_refused_below_the_floor(tmp_path: Path) -> None:
     rows: list[Row] = [[*row[:5], row[5], row[7], -4.0] for row in motion()]
     text = text_of((*ARM, *BODIES[:3]), rows)
     with pytest.raises(ConfigError, match=r"the robot is 4 m below the floor, limit 3 m; .* up to .*, y, "):
@@ -254,7 +252,7 @@ def test_a_robot_of_a_file_with_another_axis_up_is_below_the_floor(tmp_path: Pat
     assert recording.robot_m[0].tolist() == pytest.approx([2.0, 4.0, 0.5])
 
 
-def test_a_part_of_a_body_is_refused(tmp_path: Path) -> None:
+def test_partial_columns_of_a_body_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"there is no column robot_z; set columns .* robot_x=1,robot_y=2"):
         read(tmp_path, text_of((*ARM, *BODIES[:2]), [row[:7] for row in motion()]))
 
@@ -299,7 +297,7 @@ def test_zeros_may_be_declared_as_positions(tmp_path: Path) -> None:
     assert (recording.robot_m == 0.0).all()
 
 
-def test_one_missing_coordinate_loses_the_marker_and_one_zero_does_not(tmp_path: Path) -> None:
+def test_marker_is_lost_by_a_missing_coordinate_but_not_a_zero(tmp_path: Path) -> None:
     rows = motion()
     rows[3][6] = ""
     for row in rows:
@@ -309,7 +307,7 @@ def test_one_missing_coordinate_loses_the_marker_and_one_zero_does_not(tmp_path:
     assert np.flatnonzero(np.isnan(recording.robot_m).all(axis=1)).tolist() == [3]
 
 
-def test_a_body_that_is_lost_throughout_is_left_out_and_noted(tmp_path: Path) -> None:
+def test_body_lost_in_all_rows_is_omitted_and_noted(tmp_path: Path) -> None:
     rows: list[Row] = [[*row[:5], "", "", "", *row[8:]] for row in motion()]
     recording = read(tmp_path, text_of((*ARM, *BODIES), rows))
     assert recording.robot_m is None

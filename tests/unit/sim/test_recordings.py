@@ -75,7 +75,7 @@ def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
         read_imu_csv(binary)
 
 
-def test_a_file_without_end_is_not_read(tmp_path: Path) -> None:
+def test_file_beyond_the_size_limit_is_not_read(tmp_path: Path) -> None:
     huge = tmp_path / "huge.csv"
     with huge.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
@@ -83,7 +83,7 @@ def test_a_file_without_end_is_not_read(tmp_path: Path) -> None:
         read_imu_csv(huge)
 
 
-def test_a_published_recording() -> None:
+def test_published_recording_is_read() -> None:
     recording = read_imu_csv(data_file("recordings/motion_relloc/triangle-s3.csv"))
     assert len(recording.t_s) == 1185
     assert recording.duration_s == pytest.approx(39.4658, abs=1e-3)

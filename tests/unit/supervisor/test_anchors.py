@@ -67,7 +67,7 @@ def test_it_goes_back_where_it_was_whatever_happens(back: str, phase: Phase, cue
     assert told(cycle.button(*press(14)))[0] == ("idle" if back == "pointing" else "pointing")
 
 
-def test_without_a_place_there_is_nothing_to_set_right() -> None:
+def test_anchor_is_refused_without_a_pose() -> None:
     cycle = resting(has_pose=False)
     outputs = cycle.button(*press(1, "double"))
     assert told(outputs) == ["idle", "cue refused"]
@@ -86,7 +86,7 @@ def test_any_gesture_calls_it_off_for_good(gesture: Gesture) -> None:
 
 
 @pytest.mark.parametrize("back", ["pointing", "idle"])
-def test_one_that_others_asked_for_is_followed(back: str) -> None:
+def test_anchor_of_another_client_is_followed(back: str) -> None:
     cycle = pointing() if back == "pointing" else resting()
     outputs = cycle.localization(*news(20, "sampling", target_id="led_1", since_ns=20 * S))
     assert told(outputs) == ["localizing", "cue target"]
@@ -106,7 +106,7 @@ def test_news_of_the_one_before_do_not_end_it() -> None:
 
 
 @pytest.mark.parametrize("phase", ["idle", "sampling"])
-def test_a_localizer_that_does_something_else_by_now_ends_it(phase: Phase) -> None:
+def test_anchor_ends_when_the_localizer_does_something_else(phase: Phase) -> None:
     cycle = anchoring(pointing())
     outputs = cycle.localization(*news(12, phase, purpose="pose"))
     assert told(outputs) == went_back("refused", "pointing")
@@ -124,7 +124,7 @@ def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
 
 
 @pytest.mark.parametrize("back", ["pointing", "idle"])
-def test_a_silent_wrist_ends_it_in_idle(back: str) -> None:
+def test_anchor_ends_in_idle_when_the_wrist_is_silent(back: str) -> None:
     cycle = anchoring(pointing() if back == "pointing" else resting())
     cycle.imu(*sample(11))
     assert cycle.deadline_ns == 14 * S
@@ -134,7 +134,7 @@ def test_a_silent_wrist_ends_it_in_idle(back: str) -> None:
     assert cycle.localization(*news(14.1, "sampling", target_id="led_1", since_ns=10 * S)) == []
 
 
-def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
+def test_next_step_is_an_anchor_while_the_yaw_is_uncertain() -> None:
     def known(now_s: float, sigma_rad: float, method: str = "static_targets") -> tuple[UserPose, int]:
         fields = {
             "stamp_ns": round(now_s * S),
@@ -157,7 +157,7 @@ def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
     assert cycle.pose(*known(6, 0.5, "external")) == []  # a tracker's is not ours to set right
 
 
-def test_an_anchor_that_takes_the_place_of_another_is_joined() -> None:
+def test_anchor_that_replaces_another_is_joined() -> None:
     """A second request cancels the first and begins at the same time, and its messages take a while."""
     cycle = pointing()
     assert "localizing" in told(cycle.localization(*news(10, "sampling", since_ns=10 * S, target_id="led_0")))

@@ -19,7 +19,7 @@ def configured(**values: object) -> SupervisorConfig:
     return layers.build(SupervisorConfig)
 
 
-def test_without_anything_known_the_measures_are_the_common_ones() -> None:
+def test_default_measures_are_the_common_ones() -> None:
     assert profile(configured().profile, 1).body == BodyMeasures()
 
 
@@ -31,13 +31,13 @@ def test_lengths_grow_with_the_stature(stature_m: float) -> None:
         assert math.isclose(getattr(body, name), value * stature_m / 1.835, abs_tol=1e-12)
 
 
-def test_what_is_measured_wins_over_the_stature() -> None:
+def test_measured_lengths_replace_those_of_the_stature() -> None:
     sent = profile(configured(stature_m=1.5, body={"wrist_to_finger_m": 0.2}).profile, 1)
     assert sent.body.wrist_to_finger_m == 0.2
     assert sent.body.footprint_to_neck_m == pytest.approx(1.43 * 1.5 / 1.835)
 
 
-def test_the_seated_sink_by_their_legs_less_the_seat() -> None:
+def test_seated_people_are_lower_by_legs_less_the_seat() -> None:
     # 0.48 of the stature is below the seat of somebody who stands
     seated = measures(1.835, {}, seated=True, seat_height_m=0.45)
     assert seated.footprint_to_neck_m == pytest.approx(1.43 - 0.48 * 1.835 + 0.45)
@@ -64,6 +64,6 @@ def test_contradictions_are_refused_in_one_sentence(values: dict[str, object], s
     assert "\n" not in str(error.value)
 
 
-def test_a_short_arm_may_point_along_itself() -> None:
+def test_short_arm_is_accepted_when_it_points_along_itself() -> None:
     body = measures(DEFAULT_STATURE_M, {"shoulder_to_wrist_m": 0.05}, ray_model="shoulder_arm")
     assert body.shoulder_to_wrist_m == 0.05

@@ -12,7 +12,7 @@ from tests.unit.supervisor import played
 from tests.unit.supervisor.played import S, life_cycle, localizing, news, pose, press, sample, shown, told
 
 
-def test_with_a_known_place_the_button_starts_and_stops_pointing() -> None:
+def test_button_starts_and_stops_pointing_when_the_pose_is_known() -> None:
     cycle = life_cycle()
     assert shown(cycle.begin(0)).next_step == transitions.SET_POSE
     assert shown(cycle.pose(*pose())).next_step == transitions.PRESS
@@ -21,7 +21,7 @@ def test_with_a_known_place_the_button_starts_and_stops_pointing() -> None:
     assert told(cycle.button(*press(3))) == ["pointing", "cue started"]
 
 
-def test_without_a_place_it_stays_idle_and_says_what_to_do() -> None:
+def test_press_stays_idle_and_shows_the_remedy_without_a_pose() -> None:
     cycle = life_cycle()
     cycle.begin(0)
     outputs = cycle.button(*press(1))
@@ -49,7 +49,7 @@ def test_localizing_leads_through_the_targets_to_pointing() -> None:
     assert told(cycle.button(*press(21))) == ["pointing", "cue started"]  # the place is known now
 
 
-def test_a_cancelled_start_that_is_answered_later_is_called_off() -> None:
+def test_cancelled_start_is_cancelled_again_when_answered_late() -> None:
     cycle = life_cycle(localize=True)
     cycle.begin(0)
     cycle.button(*press(10))
@@ -72,7 +72,7 @@ def test_hold_rests_from_anywhere_and_localizes_anew_from_there() -> None:
     assert told(known.button(*press(1, "hold"))) == ["pointing", "cue started"]
 
 
-def test_where_a_press_confirms_only_hold_ends_pointing() -> None:
+def test_hold_alone_ends_pointing_when_a_press_confirms() -> None:
     cycle = life_cycle(localize=True, press_while_pointing="confirms")
     cycle.begin(0)
     assert told(cycle.button(*press(1))) == ["start", "localizing", "cue started"]
@@ -94,7 +94,7 @@ def test_relocalizing_each_time_asks_again_though_the_place_is_known() -> None:
     assert told(cycle.button(*press(5)))[:2] == ["start", "localizing"]
 
 
-def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
+def test_restarted_localizer_gets_the_request_again_until_the_timeout() -> None:
     cycle = localizing()
     first = cycle.run
     outputs = cycle.localization(*news(20, "idle"))
@@ -125,13 +125,13 @@ def test_forty_lamps_may_take_longer_than_one() -> None:
     assert told(cycle.tick(round((now_s + 60) * S))) == ["cancel", "idle", "cue refused"]
 
 
-def test_idle_after_a_new_pose_is_a_success_that_was_not_seen() -> None:
+def test_idle_localizer_after_a_new_pose_is_a_success() -> None:
     cycle = localizing()
     cycle.pose(*pose(15))
     assert told(cycle.localization(*news(15, "idle"))) == ["cue localized", "pointing", "cue started"]
 
 
-def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> None:
+def test_silent_wrist_ends_localizing_before_the_timeout() -> None:
     cycle = localizing()
     assert cycle.deadline_ns == 13 * S
     outputs = cycle.tick(13 * S)
@@ -142,13 +142,13 @@ def test_a_wrist_silent_from_the_start_ends_localizing_before_the_time_out() -> 
 DOCS = Path(__file__).parents[3] / "docs"
 
 
-def test_the_document_shows_the_table() -> None:
+def test_document_shows_the_table_of_transitions() -> None:
     page = runpy.run_path(str(DOCS / "pictures/life_cycle.py"))["page"]
     is_same = (DOCS / "explanation/life_cycle.md").read_text(encoding="utf-8") == page()
     assert is_same, "run: python docs/pictures/life_cycle.py"
 
 
-def test_no_row_hides_behind_one_whose_conditions_always_hold_with_it() -> None:
+def test_rows_of_the_table_are_all_reachable() -> None:
     for stage, rows in TABLE.items():
         for index, row in enumerate(rows):
             for event in row.events:
@@ -156,7 +156,7 @@ def test_no_row_hides_behind_one_whose_conditions_always_hold_with_it() -> None:
                 assert not any(set(other.conditions) <= set(row.conditions) for other in before), (stage, row)
 
 
-def test_every_attempt_can_be_left_by_the_person_and_ends_by_itself() -> None:
+def test_attempts_can_be_ended_by_the_person_and_time_out() -> None:
     for stage, rows in TABLE.items():
         leaving = {event for row in rows if row.then in ("idle", "before") for event in row.events}
         if stage not in ("idle", "pointing"):
@@ -180,7 +180,7 @@ def test_every_attempt_can_be_left_by_the_person_and_ends_by_itself() -> None:
         ),
     ],
 )
-def test_the_next_step_and_the_press_are_as_things_are_selected_here(
+def test_next_step_and_press_follow_the_manner_of_selection(
     manner: dict[str, object], press: str, step: str
 ) -> None:
     cycle = life_cycle(press_while_pointing="confirms")
@@ -202,7 +202,7 @@ def test_the_next_step_and_the_press_are_as_things_are_selected_here(
     assert ending.manner(SelectionManner.model_validate({"stamp_ns": 0, **manner}), 2 * S) == []
 
 
-def test_the_advice_of_a_service_is_the_next_step_while_the_person_points() -> None:
+def test_advice_is_the_next_step_while_the_person_points() -> None:
     cycle = life_cycle(press_while_pointing="confirms")
     cycle.pose(*pose())
     assert cycle.advise("Press to take the box.", 1 * S)[:1] == []
@@ -214,7 +214,7 @@ def test_the_advice_of_a_service_is_the_next_step_while_the_person_points() -> N
     assert (rests.next_step, rests.is_advised) == (transitions.PRESS, False)
 
 
-def test_advice_ends_with_its_service_and_that_of_another_comes_back() -> None:
+def test_advice_ends_with_its_service_and_the_previous_returns() -> None:
     cycle = life_cycle(press_while_pointing="confirms")
     cycle.pose(*pose())
     cycle.button(*played.press(1))

@@ -54,7 +54,7 @@ def idle(now_s: float) -> tuple[Localization, int]:
     return Localization(stamp_ns=round(now_s * S), phase="idle"), round(now_s * S)
 
 
-def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
+def test_new_localizer_gets_the_pose_back_once() -> None:
     place = PoseRestorer()
     place.localization(*idle(1))
     place.pose(pose(2))
@@ -69,14 +69,14 @@ def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
     assert place.due(21 * S) is not None
 
 
-def test_localizer_that_restarts_because_the_clock_was_set_back_gets_its_pose_back() -> None:
+def test_localizer_gets_its_pose_back_when_the_clock_was_set_back() -> None:
     place = PoseRestorer()
     place.pose(pose(3600))
     place.localization(*idle(10))
     assert place.due(11 * S) == BACK
 
 
-def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
+def test_fixed_pose_is_restored_as_fixed() -> None:
     place = PoseRestorer()
     remembered = BACK.remembered_bias
     fixed = UserPose(stamp_ns=2 * S, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5, remembered_bias=remembered)
@@ -85,7 +85,7 @@ def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
     assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5, remembered_bias=remembered)
 
 
-def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -> None:
+def test_measured_pose_outlasts_the_configured_one_of_a_new_localizer() -> None:
     place = PoseRestorer()
     place.pose(pose(2, "fixed"))
     place.localization(*idle(10))
@@ -94,7 +94,7 @@ def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -
 
 
 @pytest.mark.parametrize("own_s", [9.0, 10.5])
-def test_a_localizer_with_a_pose_of_its_own_keeps_it(own_s: float) -> None:
+def test_localizer_keeps_a_pose_of_its_own(own_s: float) -> None:
     place = PoseRestorer()
     place.pose(pose(2, "fixed"))
     place.localizer(4 * S, is_present=False)
@@ -106,7 +106,7 @@ def test_a_localizer_with_a_pose_of_its_own_keeps_it(own_s: float) -> None:
     assert place.deadline_ns is None
 
 
-def test_what_a_tracker_said_or_a_running_search_will_say_is_not_given_back() -> None:
+def test_pose_is_not_restored_from_a_tracker_or_during_sampling() -> None:
     place = PoseRestorer()
     place.pose(pose(2, "external"))
     place.localization(*idle(10))
@@ -121,7 +121,7 @@ def test_what_a_tracker_said_or_a_running_search_will_say_is_not_given_back() ->
 
 
 @in_virtual_time
-async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken() -> None:
+async def test_supervisor_restores_the_pose_and_warns_when_it_is_refused() -> None:
     clock = VirtualClock()
     async with memory_bench(clock) as bench:
         given: list[SetPose] = []
@@ -145,7 +145,7 @@ async def test_the_supervisor_gives_the_place_back_and_says_when_it_is_not_taken
         assert given == [BACK] * 2
 
 
-def test_two_restarts_leave_nobody_without_a_place() -> None:
+def test_pose_survives_restarts_of_localizer_and_pui() -> None:
     """The localizer by lamps, then pui: the real ones, each stopped and started again."""
     run_virtually(_two_restarts())
 

@@ -107,7 +107,7 @@ async def anna(request: pytest.FixtureRequest) -> AsyncIterator[Person]:
 in_time = pytest.mark.parametrize("anna", [VirtualClock], indirect=True)
 
 
-async def test_the_profile_and_the_first_state_are_there_for_who_joins_late(anna: Person) -> None:
+async def test_profile_and_first_state_reach_late_subscribers(anna: Person) -> None:
     body = {"footprint_to_neck_m": 1.5}
     await anna.start(profile={"hand": "left", "cursor_color": [0, 255, 0], "body": body})
     late = Person(anna.bench)
@@ -117,7 +117,7 @@ async def test_the_profile_and_the_first_state_are_there_for_who_joins_late(anna
     assert late.states == ["idle"]
 
 
-async def test_a_press_in_answer_to_the_first_state_is_heard(anna: Person) -> None:
+async def test_press_that_answers_the_first_state_is_processed(anna: Person) -> None:
     def answer(_payload: object, _name: str) -> None:
         first.close()
         anna.press()
@@ -127,7 +127,7 @@ async def test_a_press_in_answer_to_the_first_state_is_heard(anna: Person) -> No
     assert [cue.cue for cue in anna.cues] == ["refused"]  # no pose is known
 
 
-async def test_from_the_button_through_localizing_to_pointing_and_back(anna: Person) -> None:
+async def test_supervisor_leads_from_button_through_localizing_to_pointing(anna: Person) -> None:
     anna.has_localizer()
     await anna.start(localize=True, localization_method="static_targets")
     anna.press()
@@ -144,7 +144,7 @@ async def test_from_the_button_through_localizing_to_pointing_and_back(anna: Per
     assert anna.asked == ["start static_targets"]
 
 
-async def test_the_localizers_refusal_and_its_absence_are_passed_on(anna: Person) -> None:
+async def test_refusal_and_absence_of_the_localizer_are_shown(anna: Person) -> None:
     await anna.start(localize=True)
     anna.press()
     await until(lambda: "does not answer" in anna.interactions[-1].reason)
@@ -155,7 +155,7 @@ async def test_the_localizers_refusal_and_its_absence_are_passed_on(anna: Person
     assert anna.states[-1] == "idle"
 
 
-async def test_cancelling_while_the_start_is_on_its_way_leaves_no_localizer_running(anna: Person) -> None:
+async def test_cancel_during_the_start_leaves_no_localizer_running(anna: Person) -> None:
     answer = asyncio.Event()
     anna.has_localizer(answer=answer)
     await anna.start(localize=True)
@@ -172,7 +172,7 @@ async def test_cancelling_while_the_start_is_on_its_way_leaves_no_localizer_runn
 
 @in_time
 @pytest.mark.parametrize("localize", [False, True])
-async def test_a_wrist_that_falls_silent_ends_the_interaction(anna: Person, *, localize: bool) -> None:
+async def test_silent_wrist_ends_the_interaction(anna: Person, *, localize: bool) -> None:
     anna.has_localizer()
     await anna.start(localize=localize, imu_timeout_s=5.0)
     if not localize:
@@ -191,7 +191,7 @@ async def test_a_wrist_that_falls_silent_ends_the_interaction(anna: Person, *, l
         await until(lambda: anna.asked == ["start", "cancel"])
 
 
-async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons(anna: Person) -> None:
+async def test_supervisor_uses_the_topics_of_its_row_and_its_person(anna: Person) -> None:
     bench = anna.bench
     view = ServiceBus(bench.bus, bench.clock, "supervisor", "supervisor.anna", ANNA)
     service = Supervisor(SupervisorConfig(), Context(bus=view, clock=bench.clock, user=ANNA))
@@ -212,7 +212,7 @@ async def test_it_reads_and_writes_what_its_row_says_and_only_its_persons(anna: 
     await view.close()
 
 
-async def test_an_offset_is_published_and_again_after_a_restart_until_it_is_forgotten(
+async def test_offset_is_published_after_restarts_until_it_is_erased(
     own_state: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = own_state / "users" / ANNA / "offset.json"
@@ -239,7 +239,7 @@ async def test_an_offset_is_published_and_again_after_a_restart_until_it_is_forg
     assert not path.exists()
 
 
-async def test_a_spoilt_file_is_a_warning_and_no_offset(anna: Person, own_state: Path) -> None:
+async def test_damaged_offset_file_is_a_warning_and_not_used(anna: Person, own_state: Path) -> None:
     path = own_state / "users" / ANNA / "offset.json"
     path.parent.mkdir(parents=True)
     path.write_text('{"rung": "ladder"}', encoding="utf-8")
@@ -258,7 +258,7 @@ async def test_a_spoilt_file_is_a_warning_and_no_offset(anna: Person, own_state:
     await until(lambda: bool(anna.reports[-1].warnings))
 
 
-async def test_a_double_press_asks_for_an_anchor_and_comes_back(anna: Person) -> None:
+async def test_double_press_requests_an_anchor_and_returns(anna: Person) -> None:
     asked: list[PointAnchor] = []
 
     async def point_anchor(query: PointAnchor, _user: str) -> Done:
@@ -284,7 +284,7 @@ async def test_a_double_press_asks_for_an_anchor_and_comes_back(anna: Person) ->
     assert anna.states[-1] == "pointing"
 
 
-async def test_an_offset_that_nobody_has_is_refused(anna: Person) -> None:
+async def test_implausible_offset_is_refused(anna: Person) -> None:
     absurd = OFFSET.model_copy(update={"elevation": (-1e6, 0.0, 0.0, 0.0, 0.0, 0.0)})
     await anna.start()
     with pytest.raises(RefusedError, match="exceeds the limit of 45°"):
@@ -293,7 +293,7 @@ async def test_an_offset_that_nobody_has_is_refused(anna: Person) -> None:
     assert [profile.offset for profile in anna.profiles] == [None]
 
 
-async def test_a_text_for_the_person_is_a_cue_that_changes_nothing(anna: Person) -> None:
+async def test_text_for_the_person_is_a_cue_without_effect(anna: Person) -> None:
     await anna.start()
     await until(lambda: anna.states == ["idle"])
     said = await anna.bench.bus.call(topics.SAY, Say(text="tea is ready"), ANNA)
@@ -337,7 +337,7 @@ def broken_off(resume_s: float = 30.0) -> LifeCycle:
     return cycle
 
 
-def test_a_wrist_that_is_heard_again_soon_goes_on() -> None:
+def test_pointing_resumes_when_the_wrist_is_heard_soon() -> None:
     cycle = broken_off()
     outputs = cycle.imu(*sample(20))
     assert told(outputs) == ["pointing", "cue started"]
@@ -346,7 +346,7 @@ def test_a_wrist_that_is_heard_again_soon_goes_on() -> None:
     assert cycle.imu(*sample(22)) == []  # they have stopped themselves
 
 
-def test_a_wrist_that_comes_back_late_or_says_old_things_waits_for_a_press() -> None:
+def test_late_wrist_or_old_samples_do_not_resume_pointing() -> None:
     assert broken_off().imu(*sample(43.1)) == []
     assert broken_off().imu(*sample(20, late_s=8)) == []
     assert broken_off(resume_s=0.0).imu(*sample(13.1)) == []
@@ -383,7 +383,7 @@ def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
 
 
 @pytest.mark.parametrize("kept", [before("idle", 50), before("pointing", 200)])
-def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
+def test_interaction_at_rest_or_of_another_time_is_not_resumed(kept: Interaction) -> None:
     cycle = life_cycle()
     cycle.resume_from(kept, 100 * S)
     cycle.pose(*pose(1))
@@ -391,7 +391,7 @@ def test_what_was_at_rest_or_of_another_time_is_not(kept: Interaction) -> None:
     assert cycle.imu(*sample(100.1)) == []
 
 
-def test_who_presses_first_decides() -> None:
+def test_press_before_the_resume_decides() -> None:
     cycle = life_cycle()
     cycle.resume_from(before("pointing", 50), 100 * S)
     cycle.pose(*pose(1))
@@ -455,7 +455,7 @@ def kept() -> Interaction | None:
     return StateFile(Interaction, ANNA, LAST_WORD_PURPOSE).read()
 
 
-async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press(site: Site) -> None:
+async def test_pointing_resumes_without_a_press_after_a_killed_supervisor(site: Site) -> None:
     await site.point()
     await until(lambda: (word := kept()) is not None and word.state == "pointing")
     await site.stop()
@@ -472,7 +472,7 @@ async def test_a_supervisor_killed_in_the_midst_of_pointing_needs_no_press(site:
     assert site.interactions[-1].state == "idle"
 
 
-async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_either(site: Site) -> None:
+async def test_pointing_resumes_when_the_localizer_restarted_before(site: Site) -> None:
     await site.point()
     restarted_ns = await site.localizer(restarted=True)
     await until(lambda: (word := kept()) is not None and word.stamp_ns == restarted_ns)
@@ -484,7 +484,7 @@ async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_e
     assert site.interactions[-1].reason == transitions.RESUMED
 
 
-async def test_a_last_word_on_the_bus_counts_as_well(site: Site) -> None:
+async def test_last_interaction_on_the_bus_is_resumed(site: Site) -> None:
     """Another supervisor of theirs was there, and what it said last arrives late."""
     last = Interaction(stamp_ns=site.clock.advance(1.0), state="pointing")
     site.clock.advance(1.0)
@@ -497,7 +497,7 @@ async def test_a_last_word_on_the_bus_counts_as_well(site: Site) -> None:
     assert site.interactions[-1].reason == transitions.RESUMED
 
 
-async def test_a_spoilt_last_word_is_a_warning() -> None:
+async def test_damaged_last_interaction_is_a_warning() -> None:
     path = StateFile(Interaction, ANNA, LAST_WORD_PURPOSE).path
     path.parent.mkdir(parents=True)
     path.write_text("{", encoding="utf-8")
@@ -515,7 +515,7 @@ def eager(*, localize: bool = False) -> LifeCycle:
     return cycle
 
 
-def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> None:
+def test_sample_starts_pointing_when_autostart_knows_the_pose() -> None:
     cycle = eager()
     assert cycle.imu(*sample(1)) == []  # neither a place nor a complaint
     assert shown(cycle.pose(*pose(2))).next_step == transitions.BY_ITSELF
@@ -535,7 +535,7 @@ def test_samples_that_are_back_after_a_silence_begin_again() -> None:
 
 
 @pytest.mark.parametrize("gesture", ["press", "hold"])
-def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) -> None:
+def test_button_starts_again_after_it_stopped(gesture: Gesture) -> None:
     cycle = eager()
     cycle.pose(*pose())
     cycle.imu(*sample(1))
@@ -548,7 +548,7 @@ def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) ->
     assert told(cycle.imu(*sample(201))) == ["pointing", "cue started"]
 
 
-def test_an_anchor_while_waiting_does_not_keep_samples_from_beginning_afterwards() -> None:
+def test_samples_start_pointing_after_an_anchor_while_waiting() -> None:
     cycle = eager()
     cycle.pose(*pose())
     assert told(cycle.button(*press(1, "double"))) == ["anchor", "localizing", "cue started"]

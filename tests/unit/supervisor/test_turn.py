@@ -36,7 +36,7 @@ def targets(outputs: list[Output]) -> list[str]:
         ),
     ],
 )
-def test_the_queue_is_shown(ahead: tuple[str, ...], sentence: str) -> None:
+def test_queue_is_shown_as_the_next_step(ahead: tuple[str, ...], sentence: str) -> None:
     cycle = localizing()
     outputs = cycle.localization(*news(11, "sampling", ahead=ahead))
     assert told(outputs) == ["localizing"]  # they wait already: no cue
@@ -67,7 +67,7 @@ def test_cues_say_whether_to_wait_or_to_go_on() -> None:
     ]
 
 
-def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
+def test_timeout_counts_from_the_end_of_the_queue() -> None:
     cycle = localizing()
     for now_s in range(11, 200):
         assert cycle.tick(now_s * S) == []
@@ -82,7 +82,7 @@ def test_the_time_out_counts_from_the_end_of_the_waiting() -> None:
 
 
 @pytest.mark.parametrize("gesture", ["press", "double", "hold"])
-def test_who_waits_can_cancel(gesture: Gesture) -> None:
+def test_press_cancels_while_waiting(gesture: Gesture) -> None:
     cycle = localizing()
     cycle.localization(*news(11, "sampling", ahead=("anna",)))
     outputs = cycle.button(*press(12, gesture))
@@ -92,7 +92,7 @@ def test_who_waits_can_cancel(gesture: Gesture) -> None:
     assert cycle.localization(*late) == []
 
 
-def test_the_robot_is_named_once_whichever_seems_to_be_meant() -> None:
+def test_robot_is_announced_once_when_candidates_change() -> None:
     cycle = localizing()
     assert cycle.localization(*news(11, "sampling")) == []
     named = list[str]()
@@ -106,7 +106,7 @@ def test_the_robot_is_named_once_whichever_seems_to_be_meant() -> None:
 
 
 @pytest.mark.parametrize("back", ["pointing", "idle"])
-def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
+def test_localization_of_another_client_is_followed(back: str) -> None:
     cycle = life_cycle()
     cycle.begin(0)
     cycle.pose(*pose())
@@ -120,7 +120,7 @@ def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
     assert told(cycle.localization(*news(13, "solved", since_ns=10 * S))) == ["cue localized", *ends]
 
 
-def test_what_others_asked_for_is_theirs_to_end_but_for_a_gesture() -> None:
+def test_localization_of_another_client_is_cancelled_by_gestures_alone() -> None:
     cycle = life_cycle()
     cycle.begin(0)
     robot = {"target_id": "r1", "since_ns": 10 * S}
@@ -134,7 +134,7 @@ def test_what_others_asked_for_is_theirs_to_end_but_for_a_gesture() -> None:
     assert "localizing" in told(cycle.localization(*news(23, "sampling", target_id="r1", since_ns=23 * S)))
 
 
-def test_each_sense_alone_tells_cues_apart() -> None:
+def test_cues_differ_in_each_sense_alone() -> None:
     signs = list(SIGNS.values())
     for senses in ([s.chime for s in signs], [s.haptic_ms for s in signs], [s.color for s in signs]):
         assert len(set(senses)) == len(signs)

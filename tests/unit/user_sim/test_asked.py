@@ -13,7 +13,7 @@ LED_2 = ROOM.lamps[1].position_m
 
 
 @pytest.mark.parametrize("state", ["idle", "localizing", "pointing"])
-def test_an_anchors_lamp_is_pointed_at_in_every_state(state: State) -> None:
+def test_arm_points_at_the_lamp_of_an_anchor_in_every_state(state: State) -> None:
     life = living(state, behaviour="strips")
     life.run(1.0)
     life.cue("target", target="led_2")
@@ -30,7 +30,7 @@ def show_cursor_off(life: Life, off_rad: float) -> None:
     life.before_step = lambda: life.objects(target)
 
 
-def test_what_a_cursor_taught_is_not_carried_to_a_lamp_without_one() -> None:
+def test_correction_is_not_carried_to_a_lamp_without_a_cursor() -> None:
     life = living("pointing")
     show_cursor_off(life, math.radians(15.0))
     azimuth = vector.azimuth(life.ray(life.run(6.0)))
@@ -41,7 +41,7 @@ def test_what_a_cursor_taught_is_not_carried_to_a_lamp_without_one() -> None:
 
 
 @pytest.mark.parametrize(("off_deg", "presses"), [(0.0, 0), (4.0, 0), (15.0, 1)])
-def test_a_cursor_that_stays_off_makes_the_person_press_twice(off_deg: float, presses: int) -> None:
+def test_person_presses_twice_when_the_cursor_stays_off(off_deg: float, presses: int) -> None:
     life = living("pointing", anchor_when_off_deg=8.0)
     show_cursor_off(life, math.radians(off_deg))
     life.run(12.0)
@@ -50,7 +50,7 @@ def test_a_cursor_that_stays_off_makes_the_person_press_twice(off_deg: float, pr
     assert len(life.doubles) == 2 * presses  # it did not help
 
 
-def test_an_anchor_every_minute() -> None:
+def test_anchor_is_requested_every_minute() -> None:
     life = living("localizing", anchor_every_s=60.0, behaviour="rest")
     life.run(30.0)
     life.state("pointing")
@@ -91,17 +91,17 @@ def lost(bias_deg: float, off_deg: float = 0.0, *, is_told: bool = True) -> tupl
 
 
 @pytest.mark.parametrize("bias_deg", [-30.0, -20.0, 20.0, 28.0])
-def test_a_pitch_offset_is_taken_out_within_seconds_by_the_cue(bias_deg: float) -> None:
+def test_pitch_offset_is_corrected_within_seconds_by_the_cue(bias_deg: float) -> None:
     life, found_s = lost(bias_deg)
     assert found_s < 5.0
     assert len(life.past) == 1
     assert ("raise" if bias_deg < 0.0 else "lower") in life.past[0].text
 
 
-def test_without_the_cue_it_is_not_found() -> None:
+def test_large_pitch_offset_is_not_corrected_without_the_cue() -> None:
     assert math.isinf(lost(-20.0, is_told=False)[1])
 
 
 @pytest.mark.parametrize("off_deg", [50.0, -60.0])
-def test_a_turn_aside_is_taken_out_by_the_pixel_alone(off_deg: float) -> None:
+def test_azimuth_offset_is_corrected_by_the_mark_alone(off_deg: float) -> None:
     assert lost(0.0, off_deg, is_told=False)[1] < 5.0

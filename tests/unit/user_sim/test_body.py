@@ -31,7 +31,7 @@ def direction(moving: Arm, now_s: float, aim: Aim) -> vector.Vec3:
     return rotation.rotate(moving.follow(round(now_s * NS_PER_S), aim), (1.0, 0.0, 0.0))
 
 
-def test_a_reach_of_39_degrees_takes_people_0_74_s_and_peaks_at_100_degrees_a_second() -> None:
+def test_reach_has_the_measured_duration_and_peak_speed() -> None:
     moving = arm()
     aim = Aim(math.radians(39.0), 0.0)
     duration_s = moving.reach_s(math.radians(39.0))
@@ -44,7 +44,7 @@ def test_a_reach_of_39_degrees_takes_people_0_74_s_and_peaks_at_100_degrees_a_se
     assert math.degrees(vector.azimuth(direction(moving, duration_s, aim))) == pytest.approx(39.0)
 
 
-def test_turning_to_another_aim_in_mid_reach_and_mid_pursuit_keeps_the_speed() -> None:
+def test_speed_of_the_arm_is_continuous_when_the_aim_changes() -> None:
     moving = arm()
     first = Aim(1.0, 0.2)
     moving.reach(0, first, 0.8)
@@ -102,7 +102,7 @@ def test_orientation_is_given_in_the_persons_frame() -> None:
 
 
 @pytest.mark.parametrize("given_degpmin", [-30.0, 0.0, 24.0])
-def test_a_given_drift_is_this_bands_own(given_degpmin: float) -> None:
+def test_configured_drift_is_that_of_the_band(given_degpmin: float) -> None:
     real = WristbandConfig(yaw_rate_bias_sd_degps=0.25, yaw_drift_degpmin=given_degpmin)
     exact = real.model_copy(update={"yaw_rate_walk_sd_degps": 0.0})
     for seed in range(3):
@@ -128,7 +128,7 @@ def test_silence_comes_in_bursts_of_the_given_share() -> None:
     assert lost.sum() / bursts * 0.02 == pytest.approx(0.15, rel=0.3)
 
 
-def test_lost_samples_leave_a_gap_in_seq_and_the_device_has_its_own_time() -> None:
+def test_lost_samples_leave_a_gap_in_seq_and_device_time() -> None:
     lossy = IDEAL.model_copy(update={"dropout_share": 0.3, "clock_skew_ppm": 100.0})
     wrist = band(lossy)
     samples = [wrist.sample(i * PERIOD_NS, rotation.IDENTITY) for i in range(500)]
@@ -152,7 +152,7 @@ def walk(
     return np.array([feet.at(7 + i * PERIOD_NS) for i in range(round(duration_s * 50))])
 
 
-def test_they_stand_about_the_place_with_the_given_spread_and_step_as_often_as_said() -> None:
+def test_standing_position_has_the_configured_spread_and_rate() -> None:
     spots = walk(0.05, 4.0)
     assert spots[0] == pytest.approx(PLACE)
     assert spots.mean(axis=0) == pytest.approx(PLACE, abs=0.01)
@@ -163,7 +163,7 @@ def test_they_stand_about_the_place_with_the_given_spread_and_step_as_often_as_s
     assert begins == pytest.approx(2000.0 / 5.0, rel=0.15)  # 4 s and the second that a step takes
 
 
-def test_the_person_points_from_where_they_stand() -> None:
+def test_arm_points_from_the_present_standing_position() -> None:
     life = living("localizing", stance_shift_sd_m=0.3, stance_shift_every_s=2.0)
     life.cue("target", target="led_2")
     life.run(3.0)
@@ -212,14 +212,14 @@ class Carol:
         return self
 
 
-def test_she_points_at_a_robot_of_her_kind_holds_and_presses_once() -> None:
+def test_robot_user_aims_at_their_kind_and_presses_once() -> None:
     carol = Carol(QuadrotorUser).wait(0.5)
     assert (carol.goal.point_m, carol.goal.closed_loop, carol.goal.presses) == ((1.0, 2.0, 0.0), False, 0)
     assert carol.wait(3.0).goal.presses == 1
     assert Carol(GroundRobotUser).wait(0.5).goal.point_m == (2.0, 2.0, 0.0)
 
 
-def test_she_flies_it_over_the_spot_presses_and_after_the_landing_goes_on_to_the_next() -> None:
+def test_quadrotor_user_lands_on_one_spot_after_another() -> None:
     carol = Carol(QuadrotorUser).wait(3.0).hear("selected").wait(1.0)
     assert (carol.goal.point_m, carol.goal.closed_loop, carol.goal.robot) == (SPOTS[0], True, "quad")
     assert carol.wait(10.0).goal.presses == 1
@@ -231,7 +231,7 @@ def test_she_flies_it_over_the_spot_presses_and_after_the_landing_goes_on_to_the
     assert carol.goal.point_m == SPOTS[1]
 
 
-def test_a_robot_that_refuses_is_left_alone_for_a_while_but_not_one_that_is_unclear() -> None:
+def test_refusing_robot_is_paused_and_an_unclear_one_retried() -> None:
     carol = Carol(QuadrotorUser).wait(3.0).hear("refused", "quad is steered by anna").wait(1.0)
     assert carol.goal == REST
     assert carol.wait(5.0).goal.point_m == (1.0, 2.0, 0.0)
@@ -245,7 +245,7 @@ def test_a_robot_that_refuses_is_left_alone_for_a_while_but_not_one_that_is_uncl
     assert dora.hear("selected").wait(0.1).goal.point_m == SPOTS[0]
 
 
-def test_she_sets_two_way_points_sends_the_robot_and_then_the_next_two() -> None:
+def test_ground_robot_user_sends_along_two_way_points_each() -> None:
     carol = Carol(GroundRobotUser).wait(3.0).hear("selected").wait(1.0)
     assert (carol.goal.point_m, carol.goal.robot, carol.goal.closed_loop) == (SPOTS[0], "", True)
     assert carol.hear("selected").wait(1.0).goal.point_m == SPOTS[1]
@@ -256,7 +256,7 @@ def test_she_sets_two_way_points_sends_the_robot_and_then_the_next_two() -> None
     assert carol.hear("selected", sign_of="localized").wait(0.5).goal.point_m == SPOTS[2]
 
 
-def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
+def test_steering_continues_after_pointing_at_a_lamp() -> None:
     carol = Carol(GroundRobotUser)
     carol.now_ns = 60 * NS_PER_S
     carol.wait(3.0).hear("selected").wait(2.5)
@@ -268,7 +268,7 @@ def test_who_has_pointed_at_a_lamp_while_they_steer_goes_on_steering() -> None:
 
 
 @pytest.mark.parametrize("waits", [False, True])
-def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any(waits: bool) -> None:
+def test_robot_is_left_to_others_after_a_turn(waits: bool) -> None:
     carol = Carol(GroundRobotUser).wait(3.0)
     if waits:
         carol.hear("refused", "rover is steered by anna").wait(8.0)
@@ -282,7 +282,7 @@ def test_after_a_turn_she_leaves_the_robot_to_others_the_longer_if_there_are_any
     assert carol.wait(50.0).goal != REST
 
 
-def test_who_has_followed_a_waiting_quadrotor_past_everything_points_at_the_spot_anew() -> None:
+def test_quadrotor_user_aims_anew_when_pointing_past_everything() -> None:
     carol = Carol(QuadrotorUser).wait(3.0).hear("selected").wait(1.0)
     before = carol.goal
     assert carol.hear("refused", "quad: carol points past everything").wait(0.1).goal.key != before.key
@@ -290,7 +290,7 @@ def test_who_has_followed_a_waiting_quadrotor_past_everything_points_at_the_spot
 
 
 @pytest.mark.parametrize("behaviour", [QuadrotorUser, GroundRobotUser])
-def test_a_lost_robot_or_a_pause_of_pointing_begins_anew(
+def test_choice_of_a_robot_restarts_after_a_loss_or_pause(
     behaviour: type[QuadrotorUser] | type[GroundRobotUser],
 ) -> None:
     carol = Carol(behaviour).wait(3.0).hear("selected").wait(1.0).hear("deselected").wait(0.1)

@@ -125,7 +125,7 @@ def profile(color: tuple[int, int, int] = WHITE, **more: object) -> UserProfile:
     st.floats(0.1, 1.0),
     st.floats(0.05, 0.3),
 )
-def test_the_own_cursor_is_found_to_a_pixel_wherever_it_is(
+def test_own_cursor_is_found_to_a_pixel_at_any_position(
     along_m: float, strip: str, color: tuple[int, int, int], brightness: float, width_m: float
 ) -> None:
     bench = Bench(STRIPS, profile(color, cursor_width_m=width_m), brightness)
@@ -150,7 +150,7 @@ def test_nobodys_cursor_is_no_cursor() -> None:
 
 @pytest.mark.parametrize("off_m", [-0.12, -0.08, 0.0, 0.05, 0.11])
 @pytest.mark.parametrize("is_selected", [False, True])
-def test_a_white_cursor_on_a_thing_with_white_ends(*, off_m: float, is_selected: bool) -> None:
+def test_white_cursor_is_found_on_a_thing_with_white_ends(*, off_m: float, is_selected: bool) -> None:
     bench = Bench(STRIPS, profile())
     bench.put("a", "red", "strip", "0", 2.0)
     bench.put("b", "red", "strip", "1", 1.0)
@@ -163,7 +163,7 @@ def test_a_white_cursor_on_a_thing_with_white_ends(*, off_m: float, is_selected:
 
 
 @pytest.mark.parametrize("width", [{}, *({"cursor_width_m": width_m} for width_m in (0.06, 0.08, 0.1))])
-def test_ends_of_own_things_far_from_the_hand_are_no_cursor(width: dict[str, Any]) -> None:
+def test_ends_of_distant_own_things_are_no_cursor(width: dict[str, Any]) -> None:
     bench = Bench(STRIPS, profile(**width))
     bench.put("a", "red", "strip", "0", 2.0)
     bench.choose(a="anna")
@@ -188,7 +188,7 @@ def test_beside_a_belt_it_is_on_the_belt(along_m: float) -> None:
 @pytest.mark.parametrize(("room", "surface", "line"), [(STRIPS, "strip", "0"), (BELTS, "belt", "b")])
 @pytest.mark.parametrize("brightness", [1.0, 0.3])
 @pytest.mark.parametrize("pattern", ["solid", "dashed", "dotted", "striped", "hollow", "tailed"])
-def test_how_things_look_tells_what_they_are(
+def test_appearance_of_a_thing_gives_its_status(
     room: Environment, surface: Kind, line: str, brightness: float, pattern: str
 ) -> None:
     bench = Bench(room, profile(GREEN, pattern=pattern), brightness)

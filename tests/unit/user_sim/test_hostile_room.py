@@ -36,7 +36,7 @@ def thing(stamp_ns: int, value: float = 1.0, surface: Literal["strip", "none"] =
     return TrackedObjects(stamp_ns=stamp_ns, objects=(item,))
 
 
-def test_objects_from_the_future_are_not_seen_and_trackers_do_not_pile_up() -> None:
+def test_objects_from_the_future_are_ignored_and_trackers_are_bounded() -> None:
     sight = Sight(0.0)
     sight.show(S, thing(S))
     sight.look(S)
@@ -86,7 +86,7 @@ NONSENSE: list[Message] = [
     st.sampled_from(["select", "strips", "lamps", "send"]),
     cues,
 )
-def test_no_message_ends_a_person(
+def test_person_survives_any_message(
     seen: list[tuple[Message, str, float, bool]], behaviour: str, cue: Literal["target", "started"]
 ) -> None:
     config = UserSimConfig.model_validate({"behaviour": behaviour, "target_kinds": ("red",)})

@@ -111,7 +111,7 @@ class Look:
 
 
 @pytest.mark.parametrize("color", [WHITE, GREEN])
-def test_margins_of_a_things_light_are_no_cursor_though_things_are_as_white(
+def test_margins_of_a_light_are_no_cursor(
     color: tuple[int, int, int],
 ) -> None:
     look = Look(color)
@@ -125,7 +125,7 @@ def test_margins_of_a_things_light_are_no_cursor_though_things_are_as_white(
 
 
 @pytest.mark.parametrize("color", [WHITE, GREEN])
-def test_hand_stays_while_the_light_of_the_goal_answers_though_it_shines_elsewhere(
+def test_hand_stays_while_the_distant_light_of_the_goal_answers(
     color: tuple[int, int, int],
 ) -> None:
     look = Look(color)
@@ -137,7 +137,7 @@ def test_hand_stays_while_the_light_of_the_goal_answers_though_it_shines_elsewhe
     assert look.learned_rad() == pytest.approx((0.0, 0.0))
 
 
-def test_light_of_another_thing_turns_the_hand_from_it_to_the_goal() -> None:
+def test_light_of_another_thing_corrects_the_hand_to_the_goal() -> None:
     look = Look()
     look.aim("jar")
     look.hover("tin")
@@ -168,7 +168,7 @@ def test_searches_are_not_learned() -> None:
         assert look.correction.now_rad == (0.0, 0.0)
 
 
-def test_nothing_is_searched_for_where_no_light_would_answer() -> None:
+def test_hand_does_not_search_where_no_light_would_answer() -> None:
     look = Look()
     look.aim("oven")
     look.run(3.0)
@@ -237,7 +237,7 @@ def test_cues_tell_where_one_is(heard: tuple[Heard, ...], state: State, target: 
     assert (perceived.state, perceived.target) == (state, target)
 
 
-def test_who_queues_knows_it_until_it_is_their_turn() -> None:
+def test_person_in_a_queue_waits_for_their_turn() -> None:
     queuing = after(WAITING, ("target", "Wait: ben is pointing at the lamps, you are next.", ""))
     assert queuing.is_queuing
     assert queuing.state == "asked"
@@ -245,7 +245,7 @@ def test_who_queues_knows_it_until_it_is_their_turn() -> None:
     assert not queuing.is_queuing
 
 
-def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
+def test_press_that_stopped_unknown_pointing_is_repeated() -> None:
     """A late start misses `started`: the press then stops pointing, and the next one starts it again."""
     life = Life(PRECISE)
     life.run(4.5)
@@ -268,7 +268,7 @@ def pressed(
     return [event for event in events if event is not None]
 
 
-def test_no_cursor_for_long_makes_the_person_press_and_think_anew() -> None:
+def test_person_presses_when_no_cursor_is_seen_for_long() -> None:
     perceived = after(STARTED)
     press = ButtonModel(UserSimConfig())
     assert pressed(press, perceived, 0.0, 20.0, sees=True) == []
@@ -300,13 +300,13 @@ def seen(
 @pytest.mark.parametrize(
     ("looks", "status"), [(FULL_OWN, "mine"), (FULL_FOREIGN, "theirs"), (HELD, "taken")], ids=str
 )
-def test_what_is_seen_long_enough_is_believed(looks: ObservedAppearance, status: Status) -> None:
+def test_status_is_believed_when_seen_long_enough(looks: ObservedAppearance, status: Status) -> None:
     things = PerceivedObjects()
     assert seen(things, looks, 1.0) == status
     assert seen(things, PLAIN, 0.2, since_s=3.0) == "free"
 
 
-def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -> None:
+def test_status_of_a_covered_thing_is_believed_later() -> None:
     things = PerceivedObjects()
     covered = FULL_OWN._replace(hidden=True)
     assert seen(things, covered, 0.4) == "free"
@@ -316,13 +316,13 @@ def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -
 
 
 @pytest.mark.parametrize("status", ["mine", "theirs"])
-def test_a_selected_thing_under_two_cursors_is_whose_it_was(status: Status) -> None:
+def test_selected_thing_under_cursors_keeps_its_owner(status: Status) -> None:
     things = PerceivedObjects()
     things.believe("a", status, S)
     assert seen(things, FULL_FOREIGN._replace(own=True), 3.0, since_s=2.0) == status
 
 
-def test_what_cannot_be_made_out_changes_nothing_and_memory_is_bounded() -> None:
+def test_unclear_things_change_no_status_and_memory_is_bounded() -> None:
     things = PerceivedObjects()
     things.believe("a", "mine", S)
     things.see("a", None, 5 * S)

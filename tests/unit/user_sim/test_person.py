@@ -36,7 +36,7 @@ from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, living, thing
 
 
-def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
+def test_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
     life = Life(PRECISE)
     life.run(0.5)
     life.person.see(life.now_ns, UserProfile(stamp_ns=0))  # somebody knows them
@@ -54,7 +54,7 @@ def test_the_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
     assert len(life.presses) == 3
 
 
-def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
+def test_arm_points_at_the_lit_lamp_after_the_reaction_time() -> None:
     life = living("localizing")
     resting = life.ray(life.run(1.0))
     life.shine("led_1")
@@ -67,7 +67,7 @@ def test_the_lit_lamp_is_pointed_at_after_the_reaction_time() -> None:
     assert life.error_rad(life.run(2.0), ROOM.lamps[1].position_m) < 1e-6
 
 
-def test_without_a_cursor_people_err_as_measured() -> None:
+def test_pointing_errors_without_a_cursor_are_as_measured() -> None:
     config = PRECISE.model_copy(update={"aim": AimConfig()})
     errors: list[float] = []
     for seed in range(60):
@@ -78,7 +78,7 @@ def test_without_a_cursor_people_err_as_measured() -> None:
     assert 4.0 < np.median(errors) < 8.0  # 6.7 degrees in the recordings
 
 
-def test_a_moving_object_is_followed_where_it_is_not_where_it_was_seen() -> None:
+def test_moving_object_is_followed_at_its_present_position() -> None:
     life = living("pointing")
 
     def move() -> None:
@@ -91,7 +91,7 @@ def test_a_moving_object_is_followed_where_it_is_not_where_it_was_seen() -> None
 
 
 @pytest.mark.slow
-def test_the_cursor_takes_the_person_to_the_target_although_everything_errs() -> None:
+def test_cursor_leads_the_person_to_the_target_despite_all_errors() -> None:
     """They see it in frames only; the system believes that they turned by 10 deg."""
     config = PRECISE.model_copy(update={"aim": AimConfig(), "arm": ArmConfig()})
     finals: list[float] = []
@@ -117,7 +117,7 @@ class Staring:
         return REST if seen is None else on_object(seen, sight, closed_loop=True)
 
 
-def test_the_same_seed_is_the_same_person() -> None:
+def test_person_is_the_same_for_the_same_seed() -> None:
     def trace(seed: int) -> list[tuple[float, float, float, float]]:
         life = Life(UserSimConfig(yaw_deg=None), seed)
         life.state("pointing")
@@ -264,7 +264,7 @@ def test_they_point_at_something_soon_whatever_the_other_has_left(before: State,
     assert life.doubles == []
 
 
-def test_the_arm_hangs_meanwhile_and_goes_on_from_there_without_a_jump() -> None:
+def test_arm_rests_and_continues_without_a_jump_when_it_yields() -> None:
     life = begun("pointing")
     before = life.ray(life.run(0.02))
     life.yield_for(0.02)
@@ -279,7 +279,7 @@ def test_the_arm_hangs_meanwhile_and_goes_on_from_there_without_a_jump() -> None
 
 
 @pytest.mark.parametrize("selects", ["r", "s"])
-def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(selects: str) -> None:
+def test_selection_by_another_client_is_kept(selects: str) -> None:
     life = begun("pointing")
     life.yield_for(2.0, lambda now_ns: along_the_strip(life, now_ns))
     assert life.lights is not None
@@ -322,7 +322,7 @@ def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["doubl
     assert pressed(1.0) == [gesture]
 
 
-async def test_the_service_is_silent_while_a_page_has_the_wrist_and_goes_on_then() -> None:
+async def test_service_is_silent_while_a_page_moves_the_wrist() -> None:
     async with memory_bench(VirtualClock()) as bench:
         samples = bench.collect(IMU)
         presses = bench.collect(BUTTON)

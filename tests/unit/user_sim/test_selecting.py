@@ -47,7 +47,7 @@ def select(life: Life, **owners: str) -> None:
     life.lights.content.set_selection(Selection(stamp_ns=0, objects=objects))
 
 
-def test_the_red_object_that_leaves_first_is_chosen_but_not_one_beyond_reach() -> None:
+def test_object_that_leaves_first_is_chosen_if_time_suffices() -> None:
     life = at_work(
         thing("gone", "red", 4.9, 0.25),
         thing("second", "red", 1.5, 0.25),
@@ -66,13 +66,13 @@ def decided(name: str, along_m: float, at_s: float) -> TrackedObject:
     return thing(name, "red", along_m, 0.25).model_copy(update={"bay_until_ns": round(at_s * NS_PER_S)})
 
 
-def test_what_cannot_be_had_any_more_is_not_tried() -> None:
+def test_object_past_its_deadline_is_not_chosen() -> None:
     life = at_work(decided("gone", 2.5, 0.0), decided("soon", 2.0, 1.5), decided("later", 1.5, 60.0))
     assert choice(life) == "object later"
 
 
 @pytest.mark.parametrize(("along_m", "speed_mps"), [(0.0, 0.1), (5.0, -0.1)])
-def test_an_object_that_is_still_coming_in_is_waited_for(along_m: float, speed_mps: float) -> None:
+def test_object_that_is_still_entering_is_not_chosen_yet(along_m: float, speed_mps: float) -> None:
     life = at_work()
     life.before_step = lambda: life.objects(
         thing("a", "red", along_m + speed_mps * life.now_ns / NS_PER_S, speed_mps)
@@ -81,7 +81,7 @@ def test_an_object_that_is_still_coming_in_is_waited_for(along_m: float, speed_m
     assert choice(life, 0.6) == "object a"
 
 
-def test_what_is_selected_already_is_seen_and_skipped() -> None:
+def test_selected_object_is_recognized_and_skipped() -> None:
     life = at_work(thing("r", "red", 1.0), thing("s", "red", 4.0), lit=True)
     first, other = {"object r": ("r", "s"), "object s": ("s", "r")}[choice(life)]
     select(life, **{other: "ben"})
@@ -93,7 +93,7 @@ def test_what_is_selected_already_is_seen_and_skipped() -> None:
     assert choice(life, 3.0) == f"object {first}"  # it was not selected after all
 
 
-def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_left() -> None:
+def test_accidental_selection_is_undone_and_those_of_others_are_kept() -> None:
     life = at_work(
         thing("b", "blue", 2.0),
         thing("o", "blue", 3.0),
@@ -109,7 +109,7 @@ def test_what_was_selected_by_accident_is_taken_back_what_others_selected_is_lef
     assert choice(life, 4.0) == "object b"
 
 
-def test_what_somebody_else_is_about_to_have_is_left_to_them_until_they_let_go() -> None:
+def test_object_that_another_person_is_selecting_is_skipped_meanwhile() -> None:
     life = at_work(thing("r", "red", 1.0), lit=True)
     assert choice(life) == "object r"
     assert life.lights is not None
@@ -176,7 +176,7 @@ def clumsy(share: float, skill: float = 0.0) -> UserSimConfig:
     return PRECISE.model_copy(update={"mind": mind, "aim": aim})
 
 
-def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None:
+def test_lapse_selects_another_object_and_never_at_full_skill() -> None:
     keys: dict[float, str] = {}
     for skill in (0.0, 1.0):
         life = Life(clumsy(1.0, skill))
@@ -186,7 +186,7 @@ def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None
     assert keys == {0.0: "object b", 1.0: "object a"}
 
 
-def test_in_an_empty_room_everybody_rests() -> None:
+def test_person_rests_in_an_empty_room() -> None:
     for behaviour in ("lamps", "strips", "select"):
         life = Life(PRECISE.model_copy(update={"behaviour": behaviour}))
         life.person.see(0, Environment(stamp_ns=0, name="empty"))
@@ -210,7 +210,7 @@ def hear(life: Life, object_id: str) -> None:
     life.person.see(life.now_ns, name)
 
 
-def test_who_hears_names_presses_for_the_right_one_and_moves_away_from_another() -> None:
+def test_person_presses_only_at_the_right_name() -> None:
     life = living("pointing")
     life.before_step = lambda: life.objects(stored("a", 0.5), stored("b", -0.5))
     hear(life, "")
@@ -228,7 +228,7 @@ def test_who_hears_names_presses_for_the_right_one_and_moves_away_from_another()
     assert len(life.presses) == 1
 
 
-def test_a_switch_is_switched_off_again_later() -> None:
+def test_switch_is_switched_off_again_later() -> None:
     life = living("pointing")
     life.before_step = lambda: life.objects(stored("radio", 0.0, "switch"))
     assert choice(life, 2.0) == "object radio"

@@ -46,7 +46,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         (XIMU3, ximu3_quaternion(ONE), ximu3_quaternion(OTHER)),
     ],
 )
-async def test_of_two_programs_on_one_machine_the_first_is_used_and_the_other_named(
+async def test_second_program_on_one_machine_is_named_and_not_used(
     plugin: ImuSource, mine: bytes, others: bytes
 ) -> None:
     async with running(plugin) as wrist, phone_at(wrist.port) as first, phone_at(wrist.port) as second:
@@ -62,7 +62,7 @@ async def test_of_two_programs_on_one_machine_the_first_is_used_and_the_other_na
         assert wrist.of(Reconnected) == [Reconnected()]
 
 
-async def test_program_that_sends_each_datagram_from_another_port_is_one_sender() -> None:
+async def test_program_that_changes_its_port_is_one_sender() -> None:
     async with running(UDP) as wrist:
 
         def said() -> bool:
@@ -74,7 +74,7 @@ async def test_program_that_sends_each_datagram_from_another_port_is_one_sender(
         assert len(wrist.of(Reconnected)) <= 2
 
 
-async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_each_event_delivered() -> None:
+async def test_waiting_datagrams_give_the_newest_orientation_and_each_event() -> None:
     """Before a press comes the orientation at which the button was pressed."""
     async with running(UDP, line="{t_us},{w},{x},{y},{z}") as wrist, phone_at(wrist.port) as phone:
         await sends(wrist, phone, b"1000,1,0,0,0")
@@ -101,7 +101,7 @@ async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_eac
         assert sent_ns <= newest.stamp_ns <= time.time_ns()
 
 
-async def test_rates_that_wait_are_all_delivered_since_they_are_summed_up() -> None:
+async def test_waiting_rates_are_all_delivered() -> None:
     async with running(UDP) as wrist, phone_at(wrist.port) as phone:
         for _ in range(20):
             phone.say(ACCELERATION)
@@ -109,7 +109,7 @@ async def test_rates_that_wait_are_all_delivered_since_they_are_summed_up() -> N
         await until(lambda: len(wrist.of(RawReading)) == 20)
 
 
-async def test_1900_readings_a_second_leave_the_newest_orientation_and_each_event() -> None:
+async def test_readings_above_the_limit_leave_newest_orientation_and_events() -> None:
     """More than 1000 items a second would be refused for the rest of the second."""
     async with running(UDP) as wrist, phone_at(wrist.port) as phone:
         await sends(wrist, phone, content())
@@ -130,7 +130,7 @@ async def test_1900_readings_a_second_leave_the_newest_orientation_and_each_even
         assert len(wrist.of(Reading)) <= 500 * (loop.time() - begin_s) + 1 + presses
 
 
-async def test_rates_of_a_phone_without_orientations_are_delivered_also_after_a_loss(
+async def test_rates_of_a_phone_are_delivered_after_a_loss(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(datagram_source, "LOST_S", 0.2)

@@ -47,7 +47,7 @@ def test_orientations_of_known_devices(address: str, numbers: list[float]) -> No
     assert items(decoder, address, *numbers) == [Reading(NOW, XYZW)]
 
 
-def test_address_of_two_parts_is_that_of_zig_sim_only_beside_its_device_info() -> None:
+def test_two_part_address_is_zig_sims_only_beside_device_info() -> None:
     decoder = OscDecoder(OscConfig())
     assert items(decoder, "/my-phone/quaternion", *XYZW) == []
     assert decoder.unused.startswith("gets messages (/my-phone/quaternion), but none with a documented")
@@ -67,7 +67,7 @@ def test_address_and_order_are_configurable() -> None:
         items(OscDecoder(OscConfig(address="/wrist/7")), "/wrist/7", *XYZW)
 
 
-def test_quaternion_among_other_numbers_is_read_where_it_is_declared_to_be() -> None:
+def test_quaternion_among_other_numbers_is_read_at_its_declared_position() -> None:
     with pytest.raises(
         ContentError, match=r"4 were expected: .* --set imu-bridge\.osc\.first=2 .*osc\.sensor_position=0"
     ):
@@ -170,9 +170,7 @@ def test_bundles_in_bundles_have_the_time_of_the_sender() -> None:
 
 
 @pytest.mark.parametrize(("tag", "time_ns"), [(1, None), (5 << 32 | 1 << 31, 5_500_000_000)])
-def test_bundle_without_a_time_has_none_and_a_clock_that_was_never_set_counts_from_its_start(
-    tag: int, time_ns: int | None
-) -> None:
+def test_bundle_time_is_none_or_that_of_a_clock_never_set(tag: int, time_ns: int | None) -> None:
     data = b"#bundle\0" + struct.pack(">Qi", tag, len(OSCILLATOR)) + OSCILLATOR
     assert parse(data) == ([OscMessage("/oscillator/4/frequency", (440.0,), time_ns)], "")
 
@@ -193,7 +191,7 @@ def test_bundle_without_a_time_has_none_and_a_clock_that_was_never_set_counts_fr
         b"x" * 10_000,
     ],
 )
-def test_what_is_not_osc_is_refused(data: bytes) -> None:
+def test_datagram_that_is_not_osc_is_refused(data: bytes) -> None:
     with pytest.raises(ContentError):
         OscDecoder(OscConfig()).items(data, NOW)
 
@@ -248,7 +246,7 @@ def test_messages_beside_an_orientation_never_drop_it(beside: bytes) -> None:
         assert OscDecoder(OscConfig()).items(data, NOW) == [Reading(NOW, XYZW)]
 
 
-def test_message_that_cannot_be_read_is_named_while_the_others_are_used() -> None:
+def test_unreadable_message_is_named_and_the_others_are_used() -> None:
     decoder = OscDecoder(OscConfig())
     assert decoder.items(bundled(packed("/hand/new", ",Q", bytes(8)), ROTATION), NOW) == [Reading(NOW, XYZW)]
     assert decoder.problem == "is not OSC: /hand/new has an argument of the unknown type 'Q'"
@@ -304,7 +302,7 @@ def test_stream_of_two_sensors_is_refused_until_one_is_named(
         assert ("--set imu-bridge.osc.sensor" in decoder.sensors.warning) is not bool(sensor)
 
 
-def test_orientations_of_one_address_and_time_are_those_of_several_sensors() -> None:
+def test_orientations_of_one_time_are_of_several_sensors() -> None:
     head = packed("/quaternion", ",ffff", struct.pack(">4f", *WXYZ))
     other = packed("/quaternion", ",ffff", struct.pack(">4f", 0.8, 0.0, 0.0, 0.6))
     for sensor, expected in (("/quaternion", XYZW), ("/quaternion 2", OTHER)):
@@ -319,7 +317,7 @@ def test_orientations_of_one_address_and_time_are_those_of_several_sensors() -> 
     )
 
 
-def test_button_beside_the_orientation_of_another_sensor_is_not_the_arms() -> None:
+def test_button_beside_another_sensor_is_ignored() -> None:
     decoder = OscDecoder(OscConfig(sensor="/ZIGSIM/hand/quaternion"))
     items(decoder, "/ZIGSIM/hand/quaternion", *XYZW)
     items(decoder, "/ZIGSIM/elbow/quaternion", *OTHER)

@@ -128,7 +128,7 @@ def test_answers_are_those_of_the_table() -> None:
     st.integers(0, 2**64 - 1),
     st.binary(max_size=200),
 )
-def test_no_datagram_raises_or_gives_an_orientation_that_is_none(kind: int, number: int, rest: bytes) -> None:
+def test_decode_never_raises_and_gives_unit_orientations(kind: int, number: int, rest: bytes) -> None:
     content = decode(datagram(kind, rest, number))
     assert content is not None
     if isinstance(content.packet, Rotation):
@@ -163,7 +163,7 @@ def connected(handshake: Handshake = BOARD, number: int = 5) -> SlimevrTrackers:
     return trackers
 
 
-def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None:
+def test_tracker_that_keeps_calling_unanswered_is_named() -> None:
     trackers = SlimevrTrackers()
     for second in range(100, 120):
         assert trackers.called(ANNA, BOARD, second) is not None
@@ -173,7 +173,7 @@ def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None
     assert len(trackers.others(119.5)) == 1
 
 
-def test_datagrams_that_are_late_or_repeated_are_dropped_unless_they_have_no_number() -> None:
+def test_late_or_repeated_numbered_datagrams_are_dropped() -> None:
     trackers = connected()
     assert trackers.admit(ANNA, sent(8), 0.2) == NEXT
     assert trackers.admit(ANNA, sent(0), 0.25) == NEXT
@@ -188,7 +188,7 @@ def test_numbers_that_fall_far_are_a_restart() -> None:
     assert trackers.admit(ANNA, sent(2), 0.3) == NEXT
 
 
-def test_a_handshake_in_between_keeps_the_yaw_only_if_the_numbers_run_on() -> None:
+def test_handshake_keeps_the_yaw_only_when_numbers_run_on() -> None:
     trackers = connected(number=50)
     assert trackers.called(ANNA, BOARD, 1.0) is not None
     assert trackers.admit(ANNA, sent(51), 1.1) == AGAIN
@@ -196,7 +196,7 @@ def test_a_handshake_in_between_keeps_the_yaw_only_if_the_numbers_run_on() -> No
     assert trackers.admit(ANNA, sent(3), 2.1) == FIRST  # restarted, though its numbers fell by few
 
 
-def test_loss_is_told_once_and_the_same_tracker_may_come_back_without_a_handshake() -> None:
+def test_loss_is_reported_once_and_the_tracker_returns_without_handshake() -> None:
     trackers = connected(number=50)
     assert [trackers.step(time_s) for time_s in (1.0, 3.0, 3.2, 4.0)] == [False, False, True, False]
     assert trackers.is_lost
@@ -204,7 +204,7 @@ def test_loss_is_told_once_and_the_same_tracker_may_come_back_without_a_handshak
     assert not trackers.is_lost
 
 
-def test_two_phones_without_a_mac_do_not_displace_each_other() -> None:
+def test_phones_without_a_mac_do_not_displace_each_other() -> None:
     trackers = connected(PHONE)
     assert trackers.called(BEN, PHONE, 0.2) is None
     assert trackers.admit(BEN, sent(100), 0.3) is None
@@ -216,7 +216,7 @@ def test_two_phones_without_a_mac_do_not_displace_each_other() -> None:
     assert trackers.admit(BEN, sent(1), 10.6) == FIRST
 
 
-def test_a_board_that_comes_back_at_another_address_is_the_same() -> None:
+def test_board_is_recognized_at_another_address() -> None:
     trackers = connected(number=50)
     elsewhere = ("192.168.1.77", 6969)
     assert trackers.called(elsewhere, BOARD, 0.5) is None  # while the first is there, it is another one
@@ -225,7 +225,7 @@ def test_a_board_that_comes_back_at_another_address_is_the_same() -> None:
     assert trackers.admit(ANNA, sent(61), 2.2) is None
 
 
-def test_only_the_named_tracker_is_answered() -> None:
+def test_named_tracker_alone_is_answered() -> None:
     for name in (OTHER_BOARD.mac, BEN[0]):
         trackers = SlimevrTrackers(name)
         assert trackers.called(ANNA, BOARD, 0.0) is None
@@ -238,7 +238,7 @@ def test_only_the_named_tracker_is_answered() -> None:
         assert trackers.answered(20.0) == []
 
 
-def test_a_second_tracker_that_was_answered_in_vain_is_let_go() -> None:
+def test_second_tracker_is_no_longer_answered_when_another_is_used() -> None:
     trackers = SlimevrTrackers()
     for address, board in ((ANNA, BOARD), (BEN, OTHER_BOARD)):
         assert trackers.called(address, board, 0.0) is not None
@@ -247,7 +247,7 @@ def test_a_second_tracker_that_was_answered_in_vain_is_let_go() -> None:
     assert [each.address for each in trackers.answered(0.2)] == [ANNA]
 
 
-def test_callers_beyond_the_limit_are_ignored_but_for_the_named_one() -> None:
+def test_callers_beyond_the_limit_are_ignored_except_the_named_one() -> None:
     trackers = SlimevrTrackers(BOARD.mac)
     for number in range(100):
         trackers.called((f"10.0.0.{number}", 6969), PHONE, 0.0)

@@ -49,7 +49,7 @@ def test_sensagram_sends_androids_rotation_vector() -> None:
     assert old.world_from_sensor == pytest.approx(XYZW)
 
 
-def test_of_two_rotation_vectors_the_first_is_used() -> None:
+def test_first_of_two_rotation_vectors_is_used() -> None:
     decoder = UdpDecoder(UdpConfig())
     assert len(items(android("rotation_vector", [*XYZW]), decoder)) == 1
     assert items(android("game_rotation_vector", [*XYZW]), decoder) == []
@@ -106,7 +106,7 @@ def test_quaternions_as_json_and_as_text(content: object) -> None:
     assert items(content) == [Reading(NOW, XYZW)]
 
 
-def test_described_line_is_read_although_it_resembles_a_message_of_sensagram() -> None:
+def test_described_line_is_read_when_it_resembles_sensagram() -> None:
     decoder = UdpDecoder(UdpConfig(line='{"type": "imu", "values": [{w}, {x}, {y}, {z}]}'))
     assert items({"type": "imu", "values": [0.5, -0.5, 0.5, -0.5]}, decoder) == [Reading(NOW, XYZW)]
 
@@ -134,7 +134,7 @@ def test_order_of_lists_and_lines_is_configurable() -> None:
         wearmocap((0.0, 0.0, 0.0, 0.0)),
     ],
 )
-def test_what_is_no_orientation_is_refused(data: bytes) -> None:
+def test_datagram_without_an_orientation_is_refused(data: bytes) -> None:
     with pytest.raises(ContentError):
         items(data)
 
@@ -171,7 +171,7 @@ pytestmark = pytest.mark.wall_time
 
 
 @pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
-async def test_datagram_of_another_that_comes_before_a_connection_keeps_its_sender(
+async def test_datagram_before_a_connection_keeps_its_own_sender(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     heard: set[tuple[bytes, Address]] = set()
@@ -207,7 +207,7 @@ async def test_datagram_of_another_that_comes_before_a_connection_keeps_its_send
 
 
 @pytest.mark.parametrize("text", ["{0}{1}", "{0}\n{1}\n", "[{0}, {1}]", "{0},\r\n{1}"])
-def test_all_objects_of_json_in_a_datagram_are_read(text: str) -> None:
+def test_json_objects_of_a_datagram_are_all_read(text: str) -> None:
     first = json.dumps({"q": [0.6, 0.64, 0.0, -0.48]}, indent=1)
     second = json.dumps(android("game_rotation_vector", [*XYZW]))
     readings = items(text.format(first, second).encode())

@@ -47,7 +47,7 @@ def test_data_sheets_example_agrees_with_its_own_acceleration() -> None:
     assert up == pytest.approx((-0.355, -0.02, 0.935), abs=0.02)  # acceleration: -0.355, -0.019, 0.935
 
 
-def test_words_of_the_data_sheet_hold_when_the_acceleration_agrees_with_them() -> None:
+def test_axes_are_those_of_the_data_sheet_when_acceleration_agrees() -> None:
     yaw = math.radians(40)
     pitch = math.radians(-25)
     roll = math.radians(50)
@@ -180,7 +180,7 @@ def test_times_whose_bytes_must_be_stuffed_come_back() -> None:
         assert item.device_time_ns == time_us * 1000
 
 
-def test_led_flashes_for_a_cue_without_a_color_and_not_for_one_without_a_signal() -> None:
+def test_led_flashes_only_for_cues_with_a_signal() -> None:
     framer = Ximu3Framer()
     assert framer.cue(Feedback(stamp_ns=0, seq=1, cue="selected", haptic_ms=(40,)))[0] != b""
     assert framer.cue(Feedback(stamp_ns=0, seq=1, cue="target")) == (b"", b"")
@@ -239,7 +239,7 @@ def commands(reader: WitMotionFramer) -> list[str]:
 
 
 @pytest.mark.parametrize(("baud", "rate"), [(115200, "ff aa 03 09 00"), (9600, "ff aa 03 08 00")])
-def test_device_is_switched_to_quaternions_and_then_to_a_higher_rate(baud: int, rate: str) -> None:
+def test_device_is_switched_to_quaternions_before_a_higher_rate(baud: int, rate: str) -> None:
     reader = framer(configure=True, baud=baud)
     reader.feed(witmotion_packet(ANGLES, 0, 0, 0, 0) * 20, 0)
     assert commands(reader) == ["ff aa 69 88 b5", "ff aa 24 01 00", "ff aa 02 08 02"]

@@ -82,7 +82,7 @@ def is_unit(item: Item) -> bool:
 
 @each_kind
 @given(garbage=pieces)
-def test_any_bytes_give_unit_orientations_or_nothing_and_are_not_kept(
+def test_framers_give_unit_orientations_and_bounded_memory_for_any_bytes(
     kind: Kind, garbage: list[bytes]
 ) -> None:
     framer = kind.make()
@@ -100,7 +100,7 @@ def test_packet_directly_behind_what_looks_like_a_header_is_found(name: str, hea
 
 @each_kind
 @given(sizes=st.lists(st.integers(1, 40), min_size=1, max_size=30))
-def test_how_a_stream_is_split_does_not_matter(kind: Kind, sizes: list[int]) -> None:
+def test_framers_read_a_stream_however_it_is_split(kind: Kind, sizes: list[int]) -> None:
     stream = kind.end + kind.packet * 8
     whole = kind.make()
     split = kind.make()
@@ -127,7 +127,7 @@ def test_lost_bytes_cost_the_packets_they_were_in(kind: Kind, lost: int, count: 
 
 
 @each_kind
-def test_a_flood_of_headers_is_read_in_linear_time(kind: Kind) -> None:
+def test_headers_in_a_flood_are_read_in_linear_time(kind: Kind) -> None:
     framer = kind.make()
     for header in (b"\x55", b"\xaa", b"\n", b"Q,1,", b"{"):
         assert framer.feed(header * 20_000, 0) == []
@@ -136,7 +136,7 @@ def test_a_flood_of_headers_is_read_in_linear_time(kind: Kind) -> None:
 
 @each_kind
 @given(garbage=st.binary(max_size=400), at=st.integers(0, 10))
-def test_a_format_is_not_mistaken_for_another_behind_garbage(kind: Kind, garbage: bytes, at: int) -> None:
+def test_format_behind_garbage_is_not_mistaken_for_another(kind: Kind, garbage: bytes, at: int) -> None:
     detection = Detection(SerialConfig())
     stream = kind.packet[at:] + garbage + kind.end + kind.packet * 8
     detection.feed(stream, 0, 0.0)
@@ -211,7 +211,7 @@ def connections(items: list[Item]) -> int:
 
 
 @each_format
-def test_sensor_that_starts_near_its_power_on_yaw_after_a_silence_has_a_new_origin(name: Format) -> None:
+def test_yaw_origin_is_new_when_a_silent_sensor_restarts(name: Format) -> None:
     line = Line(name)
     assert connections(line.send(40.0)) == 0
     line.pause(2.1, runs_on=False)
@@ -239,7 +239,7 @@ def test_radio_that_paused_keeps_the_origin(
     assert connections(line.send(0.0)) == 0  # later, the arm turns there
 
 
-def test_counter_of_a_bno085_that_ran_on_keeps_the_origin_also_near_the_power_on_yaw() -> None:
+def test_yaw_origin_is_kept_when_the_counter_of_a_bno085_runs_on() -> None:
     line = Line("bno085")
     line.send(40.0)
     line.pause(3.0)
@@ -263,7 +263,7 @@ def test_silence_that_nobody_listened_to_is_none(name: Format) -> None:
     assert connections(line.send(0.0)) == 0
 
 
-def test_witmotion_that_lost_its_settings_with_its_power_is_switched_again_and_has_new_origins() -> None:
+def test_witmotion_is_switched_again_when_it_lost_its_settings() -> None:
     """As sold it sends angles by compass, whose yaw is anything; then its quaternions begin at 0."""
     line = Line("witmotion")
     detection = line.detection

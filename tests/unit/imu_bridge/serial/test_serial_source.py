@@ -71,7 +71,7 @@ class FreshWitMotion:
             self._device.send(witmotion_quaternion(POSTURE))
 
 
-async def test_device_as_sold_is_found_at_its_speed_and_switched_to_quaternions(tmp_path: Path) -> None:
+async def test_device_as_sold_is_found_and_switched_to_quaternions(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         wrist = FreshWitMotion(device)
         async with running(SERIAL, port=str(device.path)) as run, repeated(PERIOD_S, wrist.step):
@@ -83,7 +83,7 @@ async def test_device_as_sold_is_found_at_its_speed_and_switched_to_quaternions(
             assert not run.warnings
 
 
-async def test_other_format_on_the_same_connection_is_recognized_after_the_time_limit(tmp_path: Path) -> None:
+async def test_changed_format_is_recognized_after_the_time_limit(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         packets = [LINE]
         async with (
@@ -139,7 +139,7 @@ def present(monkeypatch: pytest.MonkeyPatch, *devices: PtyDevice) -> None:
     monkeypatch.setattr(serial_source, "SEARCH_STEP_S", 0.05)
 
 
-async def test_only_port_that_answers_is_used_when_none_is_named(
+async def test_answering_port_is_used_when_none_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pty_device(tmp_path / "one") as silent, pty_device(tmp_path / "two") as wrist:
@@ -151,7 +151,7 @@ async def test_only_port_that_answers_is_used_when_none_is_named(
             assert not run.warnings
 
 
-async def test_wrist_that_comes_back_at_another_port_is_found_when_none_is_named(
+async def test_wrist_is_found_at_another_port_when_none_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pty_device(tmp_path / "one") as first, pty_device(tmp_path / "two") as second:
@@ -168,7 +168,7 @@ async def test_wrist_that_comes_back_at_another_port_is_found_when_none_is_named
             assert not run.warnings
 
 
-async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
+async def test_silent_port_is_released_while_a_new_one_is_tried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[str] = []
@@ -190,7 +190,7 @@ async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
         assert opened.count(terminal(silent)) == 1
 
 
-def test_port_that_goes_away_while_its_speed_is_changed_is_an_os_error(
+def test_port_lost_while_its_speed_changes_is_an_os_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def gone(_port: Serial) -> None:
@@ -219,7 +219,7 @@ async def test_ports_are_named_when_several_answer(tmp_path: Path, monkeypatch: 
             assert "--imu serial:/dev/" in said
 
 
-async def test_search_lists_all_ports_and_leaves_alone_those_of_other_programs(
+async def test_search_lists_all_ports_and_opens_none_of_other_programs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with (
@@ -269,13 +269,13 @@ async def test_search_lists_all_ports_and_leaves_alone_those_of_other_programs(
         (serial.SerialException("strange"), "failed (strange)"),
     ],
 )
-def test_each_error_says_what_to_do(error: OSError, words: str) -> None:
+def test_port_errors_state_their_remedy(error: OSError, words: str) -> None:
     said = describe_error(error, "/dev/ttyUSB7")
     assert said.startswith("/dev/ttyUSB7 ")
     assert words in said
 
 
-def test_what_is_no_serial_port_is_said(tmp_path: Path) -> None:
+def test_file_that_is_no_serial_port_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("")
     with pytest.raises(OSError, match=r".") as caught:
@@ -290,7 +290,7 @@ def test_what_is_no_serial_port_is_said(tmp_path: Path) -> None:
         (ValueError("Failed to set custom baud rate"), "does not do this baud rate"),
     ],
 )
-def test_what_pyserial_raises_otherwise_is_an_error_of_the_port_too(
+def test_other_errors_of_pyserial_are_errors_of_the_port(
     monkeypatch: pytest.MonkeyPatch, error: Exception, words: str
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -302,7 +302,7 @@ def test_what_pyserial_raises_otherwise_is_an_error_of_the_port_too(
     assert words in describe_error(caught.value, "x")
 
 
-def test_the_ports_there_are_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_port_error_lists_the_ports_found(monkeypatch: pytest.MonkeyPatch) -> None:
     ports = [
         SimpleNamespace(device="/dev/ttyUSB1", description="CP2102"),
         SimpleNamespace(device="/dev/ttyS0", description="n/a"),
@@ -313,7 +313,7 @@ def test_the_ports_there_are_are_listed(monkeypatch: pytest.MonkeyPatch) -> None
     assert said.endswith("ports found: /dev/ttyACM0 (Feather), /dev/ttyUSB1 (CP2102)")
 
 
-async def test_a_fault_of_the_work_is_raised_and_not_retried(tmp_path: Path) -> None:
+async def test_error_of_the_work_is_raised_and_not_retried(tmp_path: Path) -> None:
     def work(_port: serial.Serial, _stopping: threading.Event) -> None:
         raise ZeroDivisionError
 
@@ -323,7 +323,7 @@ async def test_a_fault_of_the_work_is_raised_and_not_retried(tmp_path: Path) -> 
             await running.run()
 
 
-async def test_a_port_that_opens_and_fails_at_once_is_not_hammered(tmp_path: Path) -> None:
+async def test_port_that_fails_at_once_is_opened_less_often(tmp_path: Path) -> None:
     opened: list[float] = []
 
     def work(_port: serial.Serial, _stopping: threading.Event) -> None:

@@ -56,7 +56,7 @@ def test_damaged_messages_raise_value_error_at_most(maker: tuple[str, object], d
 
 
 @pytest.mark.parametrize("length", range(1, 68))
-def test_message_cut_within_its_frame_is_an_error_of_its_length(length: int) -> None:
+def test_message_cut_within_its_frame_raises_an_error(length: int) -> None:
     frame = encode_bytes(1, encode_bytes(2, b"".join(encode_float(n, 1.0) for n in (1, 2, 3))) * 4)
     assert len(frame) == 70
     with pytest.raises(ValueError, match="cut"):
@@ -72,7 +72,7 @@ def test_introduction_has_app_device_and_system() -> None:
     assert encode_client_info("ab", "é", "") == b"\x12\x08\x0a\x02ab\x12\x02\xc3\xa9"
 
 
-def test_quaternion_is_scalar_first_on_the_wire_and_absent_numbers_are_zero() -> None:
+def test_quaternion_is_read_scalar_first_with_absent_numbers_as_zero() -> None:
     quaternion = encode_float(1, 0.6) + encode_float(3, 0.8)
     (frame,) = decode_update(encode_bytes(1, encode_bytes(4, quaternion))).frames
     assert frame.orientation_xyzw == pytest.approx((0.0, 0.8, 0.0, 0.6))
@@ -90,7 +90,7 @@ def test_signals_are_read_packed_and_one_by_one(signals: str) -> None:
     assert 1 in decode_update(bytes.fromhex(signals)).signals
 
 
-def test_field_of_another_wire_type_than_the_specified_one_is_skipped() -> None:
+def test_field_of_an_unspecified_wire_type_is_skipped() -> None:
     message = encode_text(7, "x") + encode_varint(8, 5) + encode_varint(1, 3) + encode_float(6, 1.0)
     update = decode_update(message)
     assert (update.delta_ms, update.unix_ms, update.frames, update.signals) == (0, 5, (), ())
@@ -112,7 +112,7 @@ def test_field_of_another_wire_type_than_the_specified_one_is_skipped() -> None:
         "808080808001",
     ],
 )
-def test_what_is_no_message_is_refused(data: str) -> None:
+def test_bytes_that_are_no_message_are_refused(data: str) -> None:
     with pytest.raises(ValueError, match=r"field|number"):
         MessageFields(bytes.fromhex(data))
 
@@ -178,9 +178,7 @@ def read(*updates: Update) -> list[list[int | None]]:
         ([update(20, unix_ms=-1), update(20, unix_ms=2**63 - 1)], [[20], [40]]),
     ],
 )
-def test_frames_have_the_time_of_their_message_and_their_distance_before(
-    updates: Sequence[Update], times_ms: object
-) -> None:
+def test_frame_times_end_at_the_time_of_their_message(updates: Sequence[Update], times_ms: object) -> None:
     assert read(*updates) == times_ms
 
 
@@ -192,7 +190,7 @@ Integers = st.integers(-(2**31), 2**31 - 1)
         st.builds(update, Integers, Integers, unix_ms=st.integers(-(2**63), 2**63 - 1), delta_ms=Integers)
     )
 )
-def test_any_times_give_one_time_a_frame_that_messages_can_hold(updates: list[Update]) -> None:
+def test_frame_times_fit_messages_for_any_times_of_a_watch(updates: list[Update]) -> None:
     for times_ms in read(*updates):
         assert len(times_ms) == 2
         assert all(each is None or 0 <= each < 2**62 // NS_PER_MS for each in times_ms)

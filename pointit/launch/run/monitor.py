@@ -161,7 +161,7 @@ class RunScore:
 
         Pending are those still listed. Objects that vanished with their tracker or a reset do not count.
         """
-        # Each is copied at one go: the view calls this on another thread
+        # Each is copied at one go, since another thread may call this
         kinds = dict(self.kinds)
         selected = set(self.selected)
         left = set(self.left)

@@ -239,9 +239,10 @@ def plugin_folder(site: str, user: str, kind: str, name: str) -> Path:
     Raises:
         KeyNameError: If `site` or `user` cannot be a name.
     """
-    owner = site_folder(site, "")
     if user:
         owner = state_directory() / "users" / check_name(user, "user")
+    else:
+        owner = site_folder(site, "")
     return owner / "plugins" / kind / name
 
 

@@ -46,33 +46,38 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
             scan.missing,
         )
     scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    scanned.sort(key=lambda each: -each.sigma_m)
-    is_open = np.array([not each.identified or each.sigma_m > limit_m for each in scanned], dtype=bool)
+    scanned.sort(key=lambda light: -light.sigma_m)
+    is_open = np.array([not light.identified or light.sigma_m > limit_m for light in scanned], dtype=bool)
     if not is_open.any():
         return None
-    names = tuple(each.name for each, is_it in zip(scanned, is_open, strict=True) if is_it)
-    ends = np.array([_points(each)[[0, -1]] for each in scanned]).reshape(-1, 2, 3)
-    axes = np.array([_least_certain(each) for each in scanned]).reshape(-1, 3)
-    is_known = np.array([each.views > 1 for each in scanned], dtype=bool)
+    open_indices: list[int] = np.flatnonzero(is_open).tolist()
+    names = [scanned[index].name for index in open_indices]
+
+    # What a photograph shows: the ends of all lights, and the direction in which each is known worst.
+    ends = np.array([_points(light)[[0, -1]] for light in scanned]).reshape(-1, 2, 3)
+    axes = np.array([_least_certain(light) for light in scanned]).reshape(-1, 3)
+    is_known = np.array([light.views > 1 for light in scanned], dtype=bool)
 
     def worth(candidate: tuple[str, Array, int]) -> float:
         """Return the value of a photograph: known strips that place it, and open ones from aside."""
-        sights = ends - candidate[1]
+        _, position, aim = candidate
+        sights = ends - position
         sights /= np.maximum(np.linalg.norm(sights, axis=2, keepdims=True), 1e-9)
-        ahead = sights[candidate[2]].sum(axis=0)
-        shows = np.all(sights @ ahead > CONE * np.linalg.norm(ahead), axis=1)
+        ahead = sights[aim].sum(axis=0)
+        is_shown = np.all(sights @ ahead > CONE * np.linalg.norm(ahead), axis=1)
         aside = np.linalg.norm(np.cross(sights.mean(axis=1), axes), axis=1)
-        return 10.0 * min(float((shows & is_known).sum()), TIES) + float(aside[shows & is_open].sum())
+        ties = min(float((is_shown & is_known).sum()), TIES)
+        return 10.0 * ties + float(aside[is_shown & is_open].sum())
 
-    best = max(_candidates(scan, ends, np.flatnonzero(is_open)[:AIMS].tolist()), key=worth, default=None)
+    best = max(_candidates(scan, ends, open_indices[:AIMS]), key=worth, default=None)
     if best is None:
-        return Advice(f"photograph {names[0]} once more, from another position", names)
+        return Advice(f"photograph {names[0]} once more, from another position", tuple(names))
     where, position, aim = best
-    each = scanned[aim]
-    reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"
-    text = f"{each.name}: {reason}. Photograph it {where}, with two other strips in the picture"
-    first = (each.name, *(name for name in names if name != each.name))
-    return Advice(text, first, vec3(position), vec3(ends[aim].mean(axis=0)))
+    light = scanned[aim]
+    reason = light.reason or f"its ends are known to {100 * light.sigma_m:.1f} cm"
+    text = f"{light.name}: {reason}. Photograph it {where}, with two other strips in the picture"
+    names.remove(light.name)
+    return Advice(text, (light.name, *names), vec3(position), vec3(ends[aim].mean(axis=0)))
 
 
 def _points(scanned: ScannedStrip | ScannedLamp) -> Array:
@@ -100,12 +105,14 @@ def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[
             sight = ends[aim].mean(axis=0) - at
             right = np.cross(sight, [0.0, 0.0, 1.0])
             right *= STEP_M / max(float(np.linalg.norm(right)), 1e-9)
-            found = [
-                (f"from {STEP_M:g} m to the right of photograph {number}", at + right, aim),
-                (f"from {STEP_M:g} m to the left of photograph {number}", at - right, aim),
-            ]
+            positions = {
+                f"from {STEP_M:g} m to the right of photograph {number}": at + right,
+                f"from {STEP_M:g} m to the left of photograph {number}": at - right,
+            }
             if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
-                found.append((f"from nearer than photograph {number}", at + (1.0 - NEARER) * sight, aim))
-            for candidate in found:  # within the room, as far as it is known
-                if np.all((candidate[1] > around.min(axis=0)) & (candidate[1] < around.max(axis=0))):
-                    yield candidate
+                positions[f"from nearer than photograph {number}"] = at + (1.0 - NEARER) * sight
+            # Only positions within the room, as far as it is known.
+            for description, position in positions.items():
+                is_inside = (position > around.min(axis=0)) & (position < around.max(axis=0))
+                if np.all(is_inside):
+                    yield description, position, aim

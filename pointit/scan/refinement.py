@@ -99,19 +99,23 @@ class Refined:
         chains: list[int] = []
         blocks: list[Array] = []  # derivatives of a vertex by all ends, 3 x 2 p x 3
         for piece, chain in enumerate(model.chain.tolist()):
-            found: list[Array] = []  # derivatives by this piece's first end and those that follow
-            edges = np.array([-0.5, counts[chain] - 0.5]) if chain < len(counts) else np.zeros(2)
+            is_strip = chain < len(counts)
+            edges = np.array([-0.5, counts[chain] - 0.5]) if is_strip else np.zeros(2)
             shares = model.shares(np.array([piece, piece]), edges)
+
+            # Derivatives of its vertices by this piece's first end and those that follow.
+            derivatives: list[Array] = []
             if piece - 1 not in corners:
-                found.append(np.array([(1.0 - shares[0]) * eye, shares[0] * eye]))
+                derivatives.append(np.array([(1.0 - shares[0]) * eye, shares[0] * eye]))
             if piece in corners:
                 _, steps, bend = corner(self.state, model, piece)
                 if bend.any():
                     slip = np.outer(steps.mean(axis=0), bend)
-                    found.append(np.array([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip]))
-            elif chain < len(counts):
-                found.append(np.array([(1.0 - shares[1]) * eye, shares[1] * eye]))
-            for parts in found:
+                    derivatives.append(np.array([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip]))
+            elif is_strip:
+                derivatives.append(np.array([(1.0 - shares[1]) * eye, shares[1] * eye]))
+
+            for parts in derivatives:
                 block = np.zeros((3, 2 * len(model.chain), 3))
                 block[:, 2 * piece : 2 * piece + len(parts)] = parts.transpose(1, 0, 2)
                 blocks.append(block.reshape(3, -1))
@@ -134,10 +138,13 @@ def refined(
     number = np.full(len(seen.downs), -1)
     number[placed.views] = np.arange(len(placed.views))
     candidates = np.flatnonzero((number[seen.view] >= 0) & np.isin(seen.chain, model.chain))
+
+    # Stated lengths of pixels, m. Without one, any length will do, and a lamp has none.
     pitches = [spec.pitch_m if isinstance(spec, StripSpec) else None for spec in specs]
-    lamps = np.array([isinstance(spec, LampSpec) for spec in specs])[model.chain]
-    sigmas = np.array([PITCH_SIGMA if pitch else ANY_LENGTH_SIGMA for pitch in pitches])[model.chain]
-    metres = np.array([pitch or 1.0 / 60.0 for pitch in pitches])[model.chain]
+    is_lamp = np.array([isinstance(spec, LampSpec) for spec in specs])[model.chain]
+    pitch_sigmas = np.array([PITCH_SIGMA if pitch else ANY_LENGTH_SIGMA for pitch in pitches])
+    length_sigmas = np.where(is_lamp, np.inf, pitch_sigmas[model.chain])
+    pixels_m = np.array([pitch or 1.0 / 60.0 for pitch in pitches])[model.chain]
 
     def bundle_of(rows: Indices) -> BundleProblem:
         pieces = model.pieces(seen.chain[rows], seen.pixel[rows])
@@ -146,13 +153,15 @@ def refined(
             piece=pieces,
             share=model.shares(pieces, seen.pixel[rows]),
             uv=seen.uv[rows],
-            log_length=np.log(metres * (model.bounds[:, 1] - model.bounds[:, 0])),
-            length_sigma=np.where(lamps, np.inf, sigmas),
+            log_length=np.log(pixels_m * (model.bounds[:, 1] - model.bounds[:, 0])),
+            length_sigma=length_sigmas,
             down=seen.downs[placed.views],
             log_focal=seen.log_focal,
             corners=model.corners().tolist(),
         )
 
+    # Gates that become narrower, at last by the noise that is measured. 1.4826: from the median of the
+    # absolute errors to their standard deviation.
     noise_px = 1.0
     loss_px = GATES_PX[0]
     bundle = bundle_of(candidates)
@@ -160,14 +169,16 @@ def refined(
     for gate in (*GATES_PX, None, None):
         state, model = _with_corners(state, model)
         errors = np.linalg.norm(bundle_of(candidates).errors(state), axis=1)
-        good = _agreeing(seen, candidates, errors, gate or max(MIN_GATE_PX, GATE_SIGMAS * noise_px))
-        if not good.any():
+        limit_px = gate or max(MIN_GATE_PX, GATE_SIGMAS * noise_px)
+        is_good = _agreeing(seen, candidates, errors, limit_px)
+        if not is_good.any():
             break
-        used = candidates[good]
+        used = candidates[is_good]
         bundle = bundle_of(used)
         loss_px = gate / 4.0 if gate else 3.0 * noise_px
         state = bundle.solve(state, 12, loss_px, noise_px)
-        noise_px = max(MIN_NOISE_PX, 1.4826 * float(np.median(np.abs(bundle.errors(state)))))
+        median_px = float(np.median(np.abs(bundle.errors(state))))
+        noise_px = max(MIN_NOISE_PX, 1.4826 * median_px)
     mask = np.zeros(len(seen.view), dtype=bool)
     mask[used] = True
     return Refined(seen, bundle, state, model, placed.views, mask, noise_px, loss_px)
@@ -182,32 +193,56 @@ def _started(
 ) -> tuple[BundleState, Model]:
     """Return initial positions of all strips and lamps, from placed pieces and from triangulation."""
     ends = dict(zip(placed.pieces, placed.state.ends, strict=True))
+
+    # Pieces of unknown pitch, from their lines in two views or more.
     for piece, (low, high) in bounds.items():
-        views = [index for index, view in enumerate(placed.views) if piece in lines[view]]
-        if piece not in ends and len(views) > 1:  # of unknown pitch
-            own = [lines[placed.views[index]][piece] for index in views]
-            both = np.array([max(line.pixels.min() for line in own), min(line.pixels.max() for line in own)])
-            points = [
-                triangulated(placed.state, views, np.array([line.at(both)[side] for line in own]))
-                for side in (0, 1)
-            ]
-            if both[1] > both[0] and points[0] is not None and points[1] is not None:
-                share = ((np.array([low, high]) - both[0]) / (both[1] - both[0]))[:, None]
-                ends[piece] = points[0] + share * (points[1] - points[0])
+        indices = [index for index, view in enumerate(placed.views) if piece in lines[view]]
+        if piece in ends or len(indices) < 2:
+            continue
+        own_lines = [lines[placed.views[index]][piece] for index in indices]
+        piece_ends = _triangulated_ends(placed.state, indices, own_lines, low, high)
+        if piece_ends is not None:
+            ends[piece] = piece_ends
+
+    # Lamps: a piece of any length stands at each.
     for chain, spec in enumerate(specs):
         if isinstance(spec, LampSpec):
             rows = [row for row in np.flatnonzero(seen.chain == chain) if seen.view[row] in placed.views]
-            views = [placed.views.index(int(seen.view[row])) for row in rows]
-            point = triangulated(placed.state, views, seen.uv[rows])
+            indices = [placed.views.index(int(seen.view[row])) for row in rows]
+            point = triangulated(placed.state, indices, seen.uv[rows])
             if point is not None:
                 ends[chain, 0] = point + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+    # Of a strip whose middle was never seen, the part before it.
     pieces: list[Piece] = []
-    for piece in sorted(ends):  # of a strip whose middle was never seen, the part before it
-        if not pieces or pieces[-1][0] != piece[0] or pieces[-1][1] == piece[1] - 1:
-            pieces.append(piece)
+    for chain, index in sorted(ends):
+        if pieces:
+            last_chain, last_index = pieces[-1]
+            if last_chain == chain and last_index != index - 1:
+                continue
+        pieces.append((chain, index))
     grid = np.array([bounds.get(piece, (0.0, 1.0)) for piece in pieces])
     state = replace(placed.state, ends=np.array([ends[piece] for piece in pieces]))
     return state, Model(np.array([chain for chain, _ in pieces], dtype=np.intp), grid)
+
+
+def _triangulated_ends(
+    state: BundleState, views: Sequence[int], lines: Sequence[ImageLine], low: float, high: float
+) -> Array | None:
+    """Return the ends of a piece, 2 x 3, from its lines in `views`, or None if these do not determine them.
+
+    `low` and `high` are the pixel numbers of its ends.
+    """
+    # The first and last pixel that all lines have.
+    first_pixel = max(line.pixels.min() for line in lines)
+    last_pixel = min(line.pixels.max() for line in lines)
+    pixels = np.array([first_pixel, last_pixel])
+    first = triangulated(state, views, np.array([line.at(pixels)[0] for line in lines]))
+    last = triangulated(state, views, np.array([line.at(pixels)[1] for line in lines]))
+    if last_pixel <= first_pixel or first is None or last is None:
+        return None
+    shares = (np.array([low, high]) - first_pixel) / (last_pixel - first_pixel)
+    return np.asarray(first + shares[:, None] * (last - first))
 
 
 def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, Array]:
@@ -217,8 +252,9 @@ def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, 
         How many pixels later than their common bound, the directions of both, m a pixel, 2 x 3, and the
         derivative of the former by the gap, 3.
     """
-    spans = (model.bounds[piece : piece + 2, 1] - model.bounds[piece : piece + 2, 0])[:, None]
-    steps = (state.ends[piece : piece + 2, 1] - state.ends[piece : piece + 2, 0]) / spans
+    both = slice(piece, piece + 2)
+    spans = (model.bounds[both, 1] - model.bounds[both, 0])[:, None]
+    steps = (state.ends[both, 1] - state.ends[both, 0]) / spans
     bend = steps[0] - steps[1]
     if np.linalg.norm(bend) < MIN_BEND * np.linalg.norm(steps[0]):
         return 0.0, steps, np.zeros(3)
@@ -232,25 +268,33 @@ def _with_corners(state: BundleState, model: Model) -> tuple[BundleState, Model]
     bounds = model.bounds.copy()
     for piece in model.corners():
         later, steps, _ = corner(state, model, piece)
-        at = float(np.clip(bounds[piece, 1] + later, bounds[piece, 0] + 1.0, bounds[piece + 1, 1] - 1.0))
-        ends[piece, 1] += (at - bounds[piece, 1]) * steps[0]
-        ends[piece + 1, 0] += (at - bounds[piece, 1]) * steps[1]
-        bounds[piece, 1] = bounds[piece + 1, 0] = at
+        old_bound = bounds[piece, 1]
+        new_bound = float(np.clip(old_bound + later, bounds[piece, 0] + 1.0, bounds[piece + 1, 1] - 1.0))
+        # A corner moves along both pieces, each of which keeps its direction.
+        shift = new_bound - old_bound
+        ends[piece, 1] += shift * steps[0]
+        ends[piece + 1, 0] += shift * steps[1]
+        bounds[piece, 1] = new_bound
+        bounds[piece + 1, 0] = new_bound
     return replace(state, ends=ends), Model(model.chain, bounds)
 
 
 def _agreeing(seen: SightingArrays, candidates: Indices, errors: Array, limit_px: float) -> Mask:
     """Return which candidates to use: within the limit, the nearest of its pixel, with its strip."""
+    # Of several sightings of one pixel in a view, such as of reflections, the one with the least error.
     keys = np.column_stack([seen.view, seen.chain, seen.pixel])[candidates]
     order = np.lexsort((errors, keys[:, 2], keys[:, 1], keys[:, 0]))
     repeated = np.all(keys[order][1:] == keys[order][:-1], axis=1)
-    first = np.ones(len(candidates), dtype=bool)
-    first[order[1:][repeated]] = False
-    good = first & (errors < limit_px)
-    _, of_pair = np.unique(keys[:, :2], axis=0, return_inverse=True)
-    of_pair = of_pair.ravel()
-    share = np.bincount(of_pair, good) / np.maximum(np.bincount(of_pair, first), 1)
-    return np.asarray(good & (share[of_pair] >= MIN_SHARE))
+    is_nearest = np.ones(len(candidates), dtype=bool)
+    is_nearest[order[1:][repeated]] = False
+    is_good = is_nearest & (errors < limit_px)
+
+    # Of a strip in a view, none unless most are good.
+    _, pairs = np.unique(keys[:, :2], axis=0, return_inverse=True)
+    pairs = pairs.ravel()
+    counts = np.maximum(np.bincount(pairs, is_nearest), 1)
+    shares = np.bincount(pairs, is_good) / counts
+    return np.asarray(is_good & (shares[pairs] >= MIN_SHARE))
 
 
 def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array | None:
@@ -258,22 +302,29 @@ def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array |
 
     With wrong or double sightings: the point of two rays that most others agree with.
     """
+    # Rays in the room, and the projections onto the plane across each.
     index = np.array(views, dtype=np.intp)
-    flat = np.column_stack([uv.reshape(-1, 2) / np.exp(state.log_focal), np.ones(len(index))])
-    rays = np.einsum("nji,nj->ni", state.rotations[index], flat / np.linalg.norm(flat, axis=1, keepdims=True))
+    directions = np.column_stack([uv.reshape(-1, 2) / np.exp(state.log_focal), np.ones(len(index))])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    rays = np.einsum("nji,nj->ni", state.rotations[index], directions)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
     origins = -np.einsum("nji,nj->ni", state.rotations[index], state.translations[index])
     moments = np.einsum("nij,nj->ni", across, origins)
+
+    # The point nearest to each two rays of different views; the others vote by their errors.
     best: Array | None = None
     best_score = 0.0
     for a, b in combinations(range(len(index)), 2):
         matrix = across[a] + across[b]
-        if index[a] != index[b] and np.linalg.det(matrix) > 1e-3:
-            point = np.asarray(np.linalg.solve(matrix, moments[a] + moments[b]), dtype=np.float64)
-            images, depths = state.image(index, np.broadcast_to(point, (len(index), 3)))
-            errors = np.linalg.norm(images - uv, axis=1)
-            score = float(np.clip(1.0 - errors / GATES_PX[0], 0.0, None)[depths > 0].sum())
-            if min(depths[a], depths[b]) > 0 and score > best_score:
-                best = point
-                best_score = score
+        is_parallel = np.linalg.det(matrix) <= 1e-3
+        if index[a] == index[b] or is_parallel:
+            continue
+        point = np.asarray(np.linalg.solve(matrix, moments[a] + moments[b]), dtype=np.float64)
+        images, depths = state.image(index, np.broadcast_to(point, (len(index), 3)))
+        errors = np.linalg.norm(images - uv, axis=1)
+        votes = np.clip(1.0 - errors / GATES_PX[0], 0.0, None)
+        score = float(votes[depths > 0].sum())
+        if min(depths[a], depths[b]) > 0 and score > best_score:
+            best = point
+            best_score = score
     return best

@@ -262,7 +262,8 @@ class LedDriver(Service[LedDriverConfig]):
             return
         self._frames.put(frame)
 
-        # Every output gets the frame. Those without a change in it keep the latency of a frame long ago
+        # Every output gets the frame. Only those that it has changed count for the latency of the next: that
+        # of the others is of a frame long ago
         age_s = (now_ns - frame.stamp_ns) / NS_PER_S / self.clock.speed
         changed = [output for output in self._outputs if output.show(frame, age_s)]
         if changed:

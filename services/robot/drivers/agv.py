@@ -117,7 +117,7 @@ class Agv:
         interval_s = 1.0 / config.max_order_rate_hz
         self._orders = AgvOrders(session, config.base_m, interval_s, self._report_outcome)
 
-        # What keeps its messages apart: old, repeated, unreadable, of an AGV that is off
+        # To recognize messages that are old, repeated or unreadable, and an AGV that is off
         self._timestamps = {"state": TimestampCheck(), "visualization": TimestampCheck()}
         self._unreadable = {name: UnreadableFields() for name in (*self._timestamps, "connection")}
         self._clock = SenderClock(round(MAX_AGV_AGE_S * NS_PER_S))

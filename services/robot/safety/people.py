@@ -99,7 +99,7 @@ class PeopleNearRobot:
         if gone is not None:
             return gone
 
-        # A ground robot waits for its user meanwhile, a quadrotor is not left in the air
+        # While its user is localized, a ground robot waits. A quadrotor is released
         interaction = self._interactions.get(user)
         state = "" if interaction is None else interaction.state
         if state == "localizing" and self._config.kind == "ground":

@@ -325,12 +325,12 @@ class SetupProgress:
                 self.reasons[lamp] = reason
         if asked_again:
             # The presses of other places stay: only those of this place are made once more.
-            kept: list[LampPress] = []
+            remaining: list[LampPress] = []
             for press in self.state.presses:
                 is_repeated = (press.lamp, press.end) in asked_again
                 if press.place != self.state.place or not is_repeated:
-                    kept.append(press)
-            self._change(presses=tuple(kept), repeated=(*self.state.repeated, *asked_again))
+                    remaining.append(press)
+            self._change(presses=tuple(remaining), repeated=(*self.state.repeated, *asked_again))
             return
         lamps = {lamp for lamp, _ in self.targets}
         if left_out and len(left_out) < len(lamps):

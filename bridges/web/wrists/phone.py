@@ -254,26 +254,28 @@ class PhoneCues:
             wants_double=interaction.is_unsure,
         )
 
-    def localization(self, update: Localization) -> Cue | None:
+    def localization(self, localization: Localization) -> Cue | None:
         """Return changes for the person (target, progress, reason of a refusal), or None."""
-        is_aiming = update.phase == "sampling" and bool(update.target_id) and not update.ahead
+        has_target = bool(localization.target_id) and not localization.ahead
+        is_aiming = localization.phase == "sampling" and has_target
         progress = None
         if is_aiming:
-            progress = round(STEPS * update.progress) / STEPS
+            progress = round(STEPS * localization.progress) / STEPS
         changed = self._update_state(progress=progress)
 
         # A sentence once for each phase, target and reason
-        announcement = (update.phase, update.target_id, update.reason)
+        announcement = (localization.phase, localization.target_id, localization.reason)
         if announcement == self._announcement:
             return changed
         self._announcement = announcement
         if is_aiming:
-            sentence = f"point at {update.target_id}"
-            if update.target_count > 1 and not update.candidates:  # otherwise that is the number of robots
-                sentence += f", {update.target_index + 1} of {update.target_count}"
+            sentence = f"point at {localization.target_id}"
+            has_several_targets = localization.target_count > 1
+            if has_several_targets and not localization.candidates:  # else that is the number of robots
+                sentence += f", {localization.target_index + 1} of {localization.target_count}"
             return self.say(sentence)
-        if update.phase == "refused":
-            return self.say(update.reason)
+        if localization.phase == "refused":
+            return self.say(localization.reason)
         return changed
 
     def _update_state(self, **fields: Any) -> Cue | None:

@@ -263,7 +263,7 @@ class _Phone:
 
 @dataclass(slots=True)
 class _Person:
-    standing: AssumedPose
+    assumed_pose: AssumedPose
     arm: MouseArm
     page: str = ""
     """Page that holds the wrist, or `""`."""
@@ -301,22 +301,22 @@ class WristControl:
     def pose(self, user: str, pose: UserPose) -> None:
         """Set a person's pose."""
         person = self._person(user)
-        person.standing.pose(pose)
-        person.arm.set_pose(*person.standing.at)
+        person.assumed_pose.pose(pose)
+        person.arm.set_pose(*person.assumed_pose.at)
 
     def localization(self, user: str, progress: Localization) -> None:
         """Update a person's localization."""
         person = self._person(user)
-        person.standing.localization(progress)
-        person.arm.set_pose(*person.standing.at)
+        person.assumed_pose.localization(progress)
+        person.arm.set_pose(*person.assumed_pose.at)
 
     def room(self, room: Environment) -> None:
         """Set the map."""
         self._stand = choose_pose(room)
         self._middle = middle(room)
         for person in self._people.values():
-            person.standing.room(self._stand)
-            person.arm.set_pose(*person.standing.at)
+            person.assumed_pose.room(self._stand)
+            person.arm.set_pose(*person.assumed_pose.at)
 
     # Holders.
 
@@ -331,7 +331,7 @@ class WristControl:
         person.by = by
         person.sent_ns = 0
         if by == "headset":
-            person.headset = HeadsetPose(yaw_rad=person.standing.at[1])
+            person.headset = HeadsetPose(yaw_rad=person.assumed_pose.at[1])
             person.arm.set_tremor(0.0)
         return loser
 
@@ -486,8 +486,8 @@ class WristControl:
             phone_state = "connected, does not move the arm"
 
         assumed = None
-        if person.standing.assumed is not None:
-            position_m, yaw_rad = person.standing.assumed
+        if person.assumed_pose.assumed is not None:
+            position_m, yaw_rad = person.assumed_pose.assumed
             assumed = AssumedPlace(position_m=position_m, yaw_rad=yaw_rad)
         return PersonLine(
             user=user,
@@ -500,10 +500,10 @@ class WristControl:
     def _person(self, user: str) -> _Person:
         person = self._people.get(user)
         if person is None:
-            standing = AssumedPose(self._config.places.get(user))
-            standing.room(self._stand)
-            person = _Person(standing, MouseArm(seed=len(self._people)))
-            person.arm.set_pose(*standing.at)
+            assumed_pose = AssumedPose(self._config.places.get(user))
+            assumed_pose.room(self._stand)
+            person = _Person(assumed_pose, MouseArm(seed=len(self._people)))
+            person.arm.set_pose(*assumed_pose.at)
             self._people[user] = person
         return person
 

@@ -66,8 +66,13 @@ class AppendOnlyCsv:
         Raises: PointItError: If they cannot be written, or another program has changed the file. All rows are
             in a file beside it then.
         """
-        texts = [{name: _text(row.get(name)) for name in self._columns} for row in rows]
-        fresh = [row for row in texts if self._key_of(row) not in self._replayed]
+        texts: list[Row] = []
+        fresh: list[Row] = []
+        for row in rows:
+            text_row = {name: _text(row.get(name)) for name in self._columns}
+            texts.append(text_row)
+            if self._key_of(text_row) not in self._replayed:
+                fresh.append(text_row)
         self._check_unchanged(fresh)
         if fresh:
             self._write_lines(_lines(fresh))
@@ -97,12 +102,17 @@ class AppendOnlyCsv:
 
     def _check_unchanged(self, fresh: Sequence[Row]) -> None:
         """Check that the file has the bytes that were written; else store them, and `fresh`, beside it."""
-        if not self._is_usable or (self.path.exists() and _state(self.path) == self._written):
+        if not self._is_usable:
             return
+        if self.path.exists() and _state(self.path) == self._written:
+            return
+
+        # Another time of change is none of the content: backups and editors may touch a file.
         content = table_line(self._columns) + _lines(self._stored)
         if self.path.exists() and self._is_same(content):
             self._written = _state(self.path)
             return
+
         self._is_usable = False
         aside = free_path(self.path.with_name(f"measured_{self.path.name}"))
         write_atomically(aside, content + _lines(fresh), mode=0o644, durable=True)
@@ -115,7 +125,8 @@ class AppendOnlyCsv:
     def _is_same(self, content: bytes) -> bool:
         """Return True if the open file and the file at its path are one, and have `content`."""
         with self.path.open("rb") as file:
-            return os.path.sameopenfile(file.fileno(), self._file.fileno()) and file.read() == content
+            is_same_file = os.path.sameopenfile(file.fileno(), self._file.fileno())
+            return is_same_file and file.read() == content
 
     def _key_of(self, row: Row) -> tuple[str, ...]:
         return tuple(row[name] for name in self._key)
@@ -131,10 +142,13 @@ class AppendOnlyCsv:
             reason = error.strerror
         else:
             reason = "no space left"
-        if is_missing := written != len(lines):
+
+        # Half a row does not stay.
+        is_incomplete = written != len(lines)
+        if is_incomplete:
             file.truncate(size)
         self._written = _state(file.fileno())
-        if is_missing:
+        if is_incomplete:
             raise PointItError(
                 f"{self.path}: a row cannot be written ({reason}); all earlier ones are there: make "
                 "room, then give the same command to go on"
@@ -147,8 +161,12 @@ def _lines(rows: Iterable[Row]) -> bytes:
 
 def free_path(path: Path) -> Path:
     """Return `path`, or the first of those with `_2`, `_3` and so on, where no file is."""
-    further = (path.with_stem(f"{path.stem}_{number}") for number in itertools.count(2))
-    return next(each for each in itertools.chain([path], further) if not each.exists())
+    free = path
+    for number in itertools.count(2):
+        if not free.exists():
+            break
+        free = path.with_stem(f"{path.stem}_{number}")
+    return free
 
 
 def _state(file: int | Path) -> tuple[int, ...]:

@@ -78,16 +78,20 @@ class StudyFolder:
         self.is_replayed = False
         """True if sessions begin again and write only what is not there yet."""
         study_file = path / STUDY
-        if not study_file.exists():
-            if (path / COLUMNS_FILE).exists():
-                raise ConfigError(f"{path / COLUMNS_FILE} is not of this study; use another folder")
-            table = b"".join(map(table_line, [("column", "unit", "meaning"), *self.columns]))
-            write_atomically(path / COLUMNS_FILE, table, mode=0o644)
-            write_atomically(study_file, source.encode(), mode=0o644)
-        elif changed := _difference(read_yaml(study_file), parse_yaml(source.encode(), "the study")):
-            raise ConfigError(
-                f"{study_file} differs from the study; use another folder, or that file (see {changed})"
-            )
+        if study_file.exists():
+            changed = _difference(read_yaml(study_file), parse_yaml(source.encode(), "the study"))
+            if changed:
+                raise ConfigError(
+                    f"{study_file} differs from the study; use another folder, or that file (see {changed})"
+                )
+            return
+
+        # The study's file is written last: it says that the folder is complete.
+        if (path / COLUMNS_FILE).exists():
+            raise ConfigError(f"{path / COLUMNS_FILE} is not of this study; use another folder")
+        table = b"".join(map(table_line, [("column", "unit", "meaning"), *self.columns]))
+        write_atomically(path / COLUMNS_FILE, table, mode=0o644)
+        write_atomically(study_file, source.encode(), mode=0o644)
 
     def replayed(self) -> Self:
         """Return this folder for sessions that begin again."""
@@ -126,15 +130,20 @@ class StudyFolder:
     def about(self, participant: str) -> dict[str, Any]:
         """Return the content of `participant.yaml`, empty if they have not begun."""
         about = read_about(self.path / participant)
-        return {name: about[name] for name in about if not self.is_replayed or name not in RECORD}
+        if self.is_replayed:
+            about = {name: value for name, value in about.items() if name not in RECORD}
+        return about
 
     def put_about(self, participant: str, about: Mapping[str, Any]) -> None:
         """Replace the content of `participant.yaml`. One that people have edited is kept beside it."""
         path = self.path / participant / PARTICIPANT
-        if path.exists() and (content := path.read_bytes()) != _yaml(read_yaml(path)):
-            aside = free_path(path.with_name(f"edited_{PARTICIPANT}"))
-            write_atomically(aside, content, mode=0o644, durable=True)
-            self._on_note(f"{path}: somebody has edited it; their file is kept as {aside.name}.")
+        if path.exists():
+            content = path.read_bytes()
+            is_edited = content != _yaml(read_yaml(path))
+            if is_edited:
+                aside = free_path(path.with_name(f"edited_{PARTICIPANT}"))
+                write_atomically(aside, content, mode=0o644, durable=True)
+                self._on_note(f"{path}: somebody has edited it; their file is kept as {aside.name}.")
         write_atomically(path, _yaml(about), mode=0o644, durable=True)
 
     def recording(self, participant: str) -> Path:
@@ -148,7 +157,10 @@ def _yaml(about: Mapping[str, Any]) -> bytes:
 
 def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
     """Return the first key whose value differs, or `""`. Comments, line ends and quotes are no difference."""
-    return next((key for key in {**one, **other} if one.get(key) != other.get(key)), "")
+    for key in {**one, **other}:
+        if one.get(key) != other.get(key):
+            return key
+    return ""
 
 
 def study_in(folder: Path) -> Study:
@@ -178,10 +190,16 @@ def read_about(folder: Path) -> dict[str, Any]:
 def check_begun(folder: Path) -> None:
     """Check that a participant who has begun has a table. Raises: ConfigError: If it is gone or empty."""
     path = folder / TRIALS
-    if (not path.exists() or _is_blank(path)) and read_about(folder).get("begun"):
+    if not path.exists():
+        problem = "missing"
+    elif _is_blank(path):
+        problem = "empty"
+    else:
+        return
+    if read_about(folder).get("begun"):
         raise ConfigError(
-            f"{path}: is {'empty' if path.exists() else 'missing'}, but {folder.name} has begun; restore it "
-            f"from a backup, or move {folder} away to begin again"
+            f"{path}: is {problem}, but {folder.name} has begun; restore it from a backup, or move {folder} "
+            "away to begin again"
         )
 
 

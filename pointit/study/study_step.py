@@ -56,9 +56,17 @@ def _picture(name: str, folder: Path) -> Picture:
         raise ConfigError(f"image {name}: {path} cannot be read ({error.strerror or error})") from error
     except (RuntimeError, ValueError) as error:  # links in a circle; a null character
         raise ConfigError(f"image {name!r}: cannot be read ({error})") from error
-    kind = next((kind for first, kind in KINDS.items() if content.startswith(first)), "")
-    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
-        kind = "image/webp"
+    kind = _media_type(content)
     if not kind:
         raise ConfigError(f"image {name}: use a PNG, JPEG, GIF or WebP of at most {MAX_BYTES >> 20} MiB")
     return Picture(content, kind)
+
+
+def _media_type(content: bytes) -> str:
+    """Return the media type of a picture by its first bytes, or `""` if it is none."""
+    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+        return "image/webp"
+    for first_bytes, media_type in KINDS.items():
+        if content.startswith(first_bytes):
+            return media_type
+    return ""

@@ -41,9 +41,10 @@ REMEDY = "restore it from a backup, or begin in a new folder with `pointit study
 
 def columns_of(factors: list[str]) -> list[tuple[str, str, str]]:
     """Return all columns of a study with these factors, in their order."""
-    at = [name for name, _, _ in COLUMNS].index(FACTORS_AFTER) + 1
+    names = [name for name, _, _ in COLUMNS]
+    place = names.index(FACTORS_AFTER) + 1
     levels = [(name, "", "level of this factor") for name in factors]
-    return [*COLUMNS[:at], *levels, *COLUMNS[at:]]
+    return [*COLUMNS[:place], *levels, *COLUMNS[place:]]
 
 
 def utc(stamp_ns: int) -> str:
@@ -84,7 +85,11 @@ def table_line(values: Iterable[str]) -> bytes:
 
 def spreadsheet_row(row: Row) -> Row:
     """Return a row with texts that no spreadsheet takes for a formula."""
-    return {name: text if name in PLAIN else neutralize_formula(text) for name, text in row.items()}
+    safe_row = dict(row)
+    for name, text in row.items():
+        if name not in PLAIN:
+            safe_row[name] = neutralize_formula(text)
+    return safe_row
 
 
 def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
@@ -96,6 +101,8 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+    # What follows the last line end was cut off while it was written.
     cut = content.rfind(b"\n") + 1
     whole = content[:cut]
     tail = content[cut:]
@@ -122,8 +129,12 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
 
 def _common_start(content: bytes, line: bytes) -> int:
     """Return the number of bytes with which both begin."""
-    pairs = enumerate(zip(content, line, strict=False))
-    return next((at for at, (byte, ours) in pairs if byte != ours), min(len(content), len(line)))
+    count = 0
+    for byte, our_byte in zip(content, line, strict=False):
+        if byte != our_byte:
+            break
+        count += 1
+    return count
 
 
 def _shown(line: bytes, start: int) -> str:
@@ -137,24 +148,39 @@ def _row(names: Sequence[str], line: bytes) -> Row:
     if len(values) != len(names):
         raise ValueError(f"not {len(names)} values")
     row = dict(zip(names, values, strict=True))
-    row |= {name: restore_formula(text) for name, text in row.items() if name not in PLAIN}
+    for name, text in row.items():
+        if name not in PLAIN:
+            row[name] = restore_formula(text)
+
+    _check_values(row)
+
+    # Any other difference, however small, is that of another program.
+    if table_line(spreadsheet_row(row).values()) != line:
+        raise ValueError("other quotes, spaces or line ends than the study's")
+    return row
+
+
+def _check_values(row: Row) -> None:
+    """Check counts, numbers, outcome and time. Raises ValueError."""
     for name in COUNTS:
         if name in row and not COUNT.fullmatch(row[name]):
             raise ValueError(f"{name} is {row[name]!r}, not a whole number")
     for name in NUMBERS:
         if row.get(name) and not _is_number(row[name]):
             raise ValueError(f"{name} is {row[name]!r}, not a number or empty, as the study writes it")
-    if (outcome := row.get("outcome", "hit")) not in OUTCOMES:
+    outcome = row.get("outcome", "hit")
+    if outcome not in OUTCOMES:
         raise ValueError(f"outcome is {outcome!r}, not one of {', '.join(OUTCOMES)}")
-    if (began := row.get("began_utc")) and not _is_time(began):
+    began = row.get("began_utc")
+    if began and not _is_time(began):
         raise ValueError(f"began_utc is {began!r}, not a time such as 2026-01-31T10:00:00.5+00:00")
-    if table_line(spreadsheet_row(row).values()) != line:
-        raise ValueError("other quotes, spaces or line ends than the study's")
-    return row
 
 
 def _is_number(text: str) -> bool:
-    if not NUMBER.fullmatch(text) or math.isinf(number := float(text)):
+    if not NUMBER.fullmatch(text):
+        return False
+    number = float(text)
+    if math.isinf(number):
         return False
     return text == f"{number:.6g}" or text == str(int(number))
 

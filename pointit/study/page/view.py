@@ -71,12 +71,12 @@ class PageView:
 
     async def tell(self, *steps: StudyStep, go: str) -> bool:
         """Show `steps` until the participant does `go`. Raises: StoppedError: If the experimenter stops."""
-        index = list(self._pictures).index
-        shown = [
-            {"text": step.text, "alt": step.alt, "image": index(step.image) if step.image else None}
-            for step in steps
-        ]
-        message = await self._ask({"show": "text", "steps": shown, "go": go})
+        images = list(self._pictures)
+        shown_steps: list[dict[str, Any]] = []
+        for step in steps:
+            image = images.index(step.image) if step.image else None
+            shown_steps.append({"text": step.text, "alt": step.alt, "image": image})
+        message = await self._ask({"show": "text", "steps": shown_steps, "go": go})
         return go != "agree" or message.agrees is True
 
     async def ask(self, scale: Scale, block: str = "") -> list[int]:
@@ -117,17 +117,27 @@ class PageView:
 
     def content(self, page: Page) -> dict[str, Any]:
         """Return the content of a page, in types of JSON."""
-        place = {} if self._status is None else {"trial": self._status.trial, "trials": self._status.trials}
-        shown = {**self._shown, **place}
+        shown = dict(self._shown)
+        if self._status is not None:
+            shown |= {"trial": self._status.trial, "trials": self._status.trials}
         if page == "participant":
             return shown
         return {
             **self._who,
             "shown": shown,
             "pages": self.pages["participant"],
-            "can": () if self.is_over else ("stop",) if self._is_asking else get_args(CommandName),
+            "can": self._possible_commands,
             "status": None if self._status is None else asdict(self._status),
         }
+
+    @property
+    def _possible_commands(self) -> tuple[str, ...]:
+        """Commands of the experimenter that have an effect now."""
+        if self.is_over:
+            return ()
+        if self._is_asking:
+            return ("stop",)
+        return get_args(CommandName)
 
     def hear(self, page: Page, text: str) -> str:
         """Obey a message of a page; return what is wrong with it, or `""`."""
@@ -137,7 +147,8 @@ class PageView:
             return self._on_order(ExperimenterMessage.model_validate_json(text, strict=True))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
-            return f"{'.'.join(map(str, first['loc'])) or 'message'}: {describe_mistake(first)}"
+            field = ".".join(map(str, first["loc"]))
+            return f"{field or 'message'}: {describe_mistake(first)}"
 
     @property
     def _is_asking(self) -> bool:
@@ -158,12 +169,16 @@ class PageView:
             self.change()
 
     def _on_answer(self, message: ParticipantMessage) -> str:
-        if self._message is None or self._message.done() or message.id != self._number:
+        if self._message is None or self._message.done():
             return ""  # another page was faster
+        if message.id != self._number:
+            return ""  # it answers what was shown before
         if self._shown.get("go") == "agree" and message.agrees is None:
             return "agrees: write true or false; without it there is no consent"
-        if self._scale is not None and (problem := _problem(self._scale, message.answers)):
-            return problem
+        if self._scale is not None:
+            problem = _problem(self._scale, message.answers)
+            if problem:
+                return problem
         self._message.set_result(message)
         return ""
 
@@ -185,6 +200,7 @@ def _problem(scale: Scale, answers: tuple[int, ...]) -> str:
     low, high = scale.points
     if len(answers) != len(scale.items):
         return f"answers: {len(answers)} of {len(scale.items)} are there"
-    if any(not low <= each <= high or (each - low) % scale.step for each in answers):
+    possible = range(low, high + 1, scale.step)
+    if any(value not in possible for value in answers):
         return f"answers: use values from {low} to {high} in steps of {scale.step}"
     return ""

@@ -1,8 +1,8 @@
 """Yaw of a person's frame {H} from a marker body on the forearm, by least squares. Pure.
 
 The orientation of an IMU has errors that stay similar for seconds. They average out slowly, and a slow
-movement cannot be told from them. Each residual is therefore the sum of white noise, whose variance is that
-inside short blocks of time, and of a lasting error with a covariance that decays exponentially with time.
+movement cannot be distinguished from them. Each residual is therefore the sum of white noise, whose variance
+is that inside short blocks of time, and of a lasting error with a covariance that decays exponentially.
 Size and duration of the lasting error are not known: the results for all of `LASTING_ERRORS` are averaged,
 each weighted by its probability under the residuals (restricted likelihood).
 

@@ -1,9 +1,9 @@
 """Edits of the text of a map: only the characters of changed values, names and entries change.
 
-PyYAML's parser tells where each value is in the text. A round trip through a tree of values would lay out
-the whole file again: it moves comments within flow collections and wraps long lines again. The result is read
-again and compared with the edited values, so that a file whose form defeats this (anchors, block scalars) is
-refused, not damaged.
+PyYAML's parser gives the position of each value in the text. A round trip through a tree of values would lay
+out the whole file again: it moves comments within flow collections and wraps long lines again. The result is
+read again and compared with the edited values, so that a file whose form defeats this (anchors, block
+scalars) is refused, not damaged.
 """
 
 import json

@@ -138,7 +138,7 @@ def parse_map_file(content: bytes, path: Path) -> MapFile:
 
 
 def _check_keys(content: bytes, path: Path) -> None:
-    """Check that reading takes seconds at most: what has more keys is too large for a message."""
+    """Check that reading takes seconds at most: a map with more keys is too large for a message."""
     keys = content.count(b":")
     if keys > MAX_KEYS:
         raise ConfigError(

@@ -322,7 +322,7 @@ def draw_map(
     families = ["sans-serif"]
     families += [family for family in FALLBACKS if family in installed]
 
-    # Letters are looked up while the file is written: until then no warning tells of one that is missing
+    # Letters are looked up while the file is written: until then no warning names a missing one
     with (
         settings.rc_context({**_STYLE, "font.family": families}),
         warnings.catch_warnings(action="always", record=True) as caught,

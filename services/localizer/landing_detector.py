@@ -1,7 +1,7 @@
 """Landing of a reach: the first rest of the ray after the arm has moved.
 
 People reach quickly, rest, and then correct where they point in small steps, misled by light or a name that
-is spoken. Only the first rest tells where they see the target.
+is spoken. Only the first rest shows where they see the target.
 """
 
 import math

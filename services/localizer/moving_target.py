@@ -196,7 +196,7 @@ class Track:
                 f"{MIN_HZ:g} Hz are needed; set the tracker to a higher rate"
             )
 
-        # Reports that have ended fall behind, too, which says nothing of the clock
+        # Reports that have ended fall behind, too, which says nothing about the clock
         ahead_s = (self.newest_ns - ray_ns) / NS_PER_S
         is_behind = ahead_s < -BEHIND_S and self.is_reported
         if ahead_s > AHEAD_S or is_behind:

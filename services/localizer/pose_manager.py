@@ -143,7 +143,7 @@ class PoseManager:
         """Procedures of the person, which get leases, objects and the time without a detour."""
         self._is_cursor_shown = False
         self._drivers: dict[str, str] = {}
-        """Person who steers each robot, or `""`."""
+        """User who steers each robot, or `""`."""
 
     @property
     def is_followed(self) -> bool:
@@ -175,7 +175,7 @@ class PoseManager:
         return [] if changed_pose is None else [changed_pose]
 
     def on_robot(self, state: RobotState, robot: str, now_ns: int) -> list[Output]:
-        """Correct a pose that drifts when the person takes a robot, at which they point then."""
+        """Correct a drifting pose when the person takes a robot, since they point at it then."""
         previous_driver = self._drivers.get(robot)
         self._drivers[robot] = state.user
         if previous_driver is None:  # it may have been taken long ago

@@ -272,7 +272,7 @@ class LampProcedure(Procedure):
         return self._end(now_ns, "refused", reason)
 
     def republish(self, now_ns: int) -> list[Output]:
-        """Return the progress again, since led-driver forgets who is silent."""
+        """Return the progress again, since led-driver forgets silent users."""
         self._published = None
         return self._progress(now_ns) if self._running else []
 

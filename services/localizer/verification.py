@@ -63,7 +63,7 @@ NOISY = 2.2
 """The same if the arm misses by as much in the newest half, so that it did not come late."""
 
 NOISY_S = 2.9
-"""Least time of following that tells: an arm is up within the first half of it."""
+"""Shortest time of following that can show it: an arm is up within the first half of it."""
 
 AS_MUCH = 0.5
 """Least ratio of the rms of the newest half, in its own pose, to that of all."""

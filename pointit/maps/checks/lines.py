@@ -30,7 +30,7 @@ LENGTH_SPREAD = 0.01
 LENGTH_M = 0.01
 SHARPEST_DEG = 120.0
 FEW_PIXELS = 5
-"""Number of pixels below which their density says nothing."""
+"""Number of pixels below which their density is meaningless."""
 TRACED = 0.2
 """Number of vertices a pixel above which a line follows the pixels, and means its sharp turns."""
 OFF_SHARE = 0.1

@@ -48,7 +48,7 @@ TENS = ("", "", "twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eight
 ALIKE = {word: DIGITS[index] for words in (TEENS, TENS) for index, word in enumerate(words) if index and word}
 """Numbers that are taken for one below ten: `fifteen` and `fifty` for `five`, `eleven` for `one`."""
 BEGIN = re.compile(r"(?:[^aeiouy]*[aeiouy]+){3}")
-"""Begin of a label that takes `MAX_SPOKEN_S`: all that is heard before the next name."""
+"""Start of a label that takes `MAX_SPOKEN_S`: all that is heard before the next name."""
 
 EYES_M = 1.64
 """Height of the eyes of a person of 1.76 m, m."""

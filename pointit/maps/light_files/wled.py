@@ -21,7 +21,7 @@ LAST_PIXEL = 262_143
 GAP = -1
 """Cell of a ledmap without a pixel."""
 _NO_PIXEL = 65535
-"""Number from which on WLED takes a cell of a ledmap as a gap."""
+"""Smallest number that WLED treats as a gap in a ledmap."""
 _EXAMPLE = '{"seg": [{"start": 0, "stop": 60, "n": "desk"}]}'
 
 
@@ -33,7 +33,7 @@ class WledSegment:
     number: int
     """Its id."""
     start: int | None
-    """Number of its first pixel on the wire. None in a matrix, where the wire is not told."""
+    """Number of its first pixel on the wire. None in a matrix, whose wiring is not given."""
     columns: int
     rows: int
     """1, unless it is a part of a matrix."""

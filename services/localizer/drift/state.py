@@ -55,7 +55,7 @@ class DriftSettings:
     """Rests beyond this number of standard deviations are rejected."""
     rare_share: float = 0.05
     """Probability that the yaw leaped or the person moved between two measurements of the yaw, and that of
-    pointing elsewhere than at the known place. The elevation tells which: another lamp is not as high."""
+    pointing elsewhere than at the known place. The elevation shows which: another lamp is not as high."""
     moved_sigma_m: float = 0.3
     turned_sigma_rad: float = math.radians(60.0)
     """Standard deviations of such a move and leap, and of pointing elsewhere."""

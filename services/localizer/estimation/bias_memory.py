@@ -141,7 +141,7 @@ class BiasMemory:
         return True
 
     def _contradicts(self, remembered: RememberedBias, bias_rad: float, pointings: Pointings) -> bool:
-        """Return True if who points so, with this bias found without memory, is not the remembered one."""
+        """Return True if the person with this bias, measured without memory, is not the remembered one."""
         if self.mounting != remembered.mounting:
             return True
         height_change_m = abs(_origin_height_m(pointings) - remembered.origin_height_m)

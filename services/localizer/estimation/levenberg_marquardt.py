@@ -43,7 +43,7 @@ HUBER = 1.5
 ITERATIONS = 40
 
 SETTLED = 3
-"""Number of steps after which descents into one minimum can be told from those into rivals."""
+"""Number of steps after which descents into one minimum can be distinguished from those into rivals."""
 
 RIVAL_COST = 20.0
 """Descents this far above the lowest one do not lead to a rival."""
@@ -272,7 +272,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
     damping = np.full(len(poses), _DAMPING)
     costs, slopes, hessians = _linearized(rays, poses, weights)
     for number in range(ITERATIONS):
-        # Hopeless descents cost as much as the others: drop them once they can be told
+        # Hopeless descents cost as much time as the others: drop them once they can be recognized
         if number == SETTLED:
             indices = _apart(poses, costs)
             poses = poses[indices]

@@ -79,7 +79,7 @@ class Slope:
 
     @property
     def is_doubtful(self) -> bool:
-        """Return True if the sensor is rather across the arm than along it: more pointing must tell."""
+        """Return True if the sensor is rather across the arm than along it: more pointing must decide."""
         return self.value < MIN_SLOPE and self.sigma < MAX_SUSPICION_SIGMA
 
 
@@ -107,7 +107,7 @@ def mounting_fault(
     if slope is None:
         return ""
 
-    # Azimuths that do not fit either show an arm that pointed elsewhere, which says nothing of the sensor
+    # Azimuths that do not fit either show an arm that pointed elsewhere, which says nothing about the sensor
     if fit is not result:
         sigma_rad = settings.act_sigma_rad if holds else settings.ray_sigma_rad
         is_enough = holds >= FEWEST_HOLDS if holds else slope.freedom >= FOLLOWS_FREEDOM

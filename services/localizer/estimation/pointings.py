@@ -70,7 +70,7 @@ class Blocks:
     """m: number of samples in each block."""
     hold: Array
     """m: index of the block's hold, a stretch without a pause at one target. At rest, all at a target are
-    one: a lamp that is mistaken, or wrong in the map, is so at each visit."""
+    one: a lamp that is mistaken for another, or wrong in the map, is so at each visit."""
     held_s: Array
     """Duration of each stretch."""
     velocities_mps: Array

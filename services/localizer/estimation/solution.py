@@ -2,7 +2,7 @@
 
 The descent knows x, y, yaw, bias and eye height, and takes samples as independent. Here a few Gauss-Newton
 steps follow over these, the IMU's drift and the tracker's latency, each with a prior; the inverse of their
-joint information is the covariance. What the rays cannot tell, as a latency on a circle at constant speed,
+joint information is the covariance. What the rays cannot show, as a latency on a circle at constant speed,
 stays as uncertain as its prior and makes the pose as uncertain as it does.
 
 People's slopes and an offset of the finger are considered (Schmidt-Kalman): they are not estimated, which
@@ -43,7 +43,7 @@ PRIOR_UPDATES = 2
 """Number of steps with one linearization: the weight of the latency's prior depends on the latency."""
 
 DAMPING = 1.0
-"""Information (1/m², 1/rad²) added in each step: what the rays hardly tell stays as the descent found it."""
+"""Information (1/m², 1/rad²) added in each step: what the rays hardly show stays as the descent found it."""
 
 PRIOR_WEIGHT = 3.0
 """Weight of the assumed sigmas against the residuals, in measured angles."""
@@ -199,7 +199,7 @@ def _correlation(blocks: Blocks, independent_hz: float) -> tuple[Array, Array]:
 
 
 def _innovations(values: Array, correlation: Array, scale: Array) -> Array:
-    """Return `values` (... x m) less what the ones before let expect, of equal variance."""
+    """Return `values` (... x m) minus their prediction by the previous ones, of equal variance."""
     innovations = values.copy()
     innovations[..., 1:] -= correlation[1:] * values[..., :-1]
     innovations *= scale

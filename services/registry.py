@@ -346,9 +346,14 @@ def row_of(service: str) -> Process | None:
 
 def present_writers(topic: Topic[Any], name: str, present: Iterable[str]) -> list[str]:
     """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
-    if topic in topics.ACCOUNTS:
-        return sorted(instance for instance in present if name in (topics.ANY, "", instance))
-    writers = [instance for instance in present if _may_write(instance, topic, name)]
+    writers: list[str] = []
+    for instance in present:
+        if topic in topics.ACCOUNTS:  # each instance writes its own
+            may_write = name in (topics.ANY, "", instance)
+        else:
+            may_write = _may_write(instance, topic, name)
+        if may_write:
+            writers.append(instance)
     return sorted(writers)
 
 

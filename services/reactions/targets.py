@@ -232,14 +232,16 @@ class Webhook:
                     try:
                         pool = await asyncio.to_thread(open_pool, request.url)
                     except (ValueError, ImportError, httpx.InvalidURL) as error:
-                        return "error", (
+                        problem = (
                             f"cannot be reached by the proxy that this environment names ({error}): correct "
                             "all_proxy, http_proxy and https_proxy, or name its host in no_proxy"
                         )
+                        return "error", problem
                     except OSError as error:
-                        return "error", (
+                        problem = (
                             f"was not sent, as the file of SSL_CERT_FILE cannot be used ({error}): correct it"
                         )
+                        return "error", problem
                     async with pool:
                         status, reason = await post(pool, request)
             except (TimeoutError, httpcore.TimeoutException):
@@ -255,6 +257,7 @@ class Webhook:
             else:
                 if SUCCESS <= status < REDIRECT:
                     return "", ""
+                # a refusal is final, unless the server is overloaded or has an error
                 code = "refused"
                 shown_reason = one_line(reason, MAX_REASON)
                 problem = f"answered {status} {shown_reason}".rstrip()

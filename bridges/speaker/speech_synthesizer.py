@@ -109,12 +109,15 @@ class SpeechSynthesizer:
         """Run the program. The text comes by standard input, so that none is an option."""
         began_ns = self._clock.now_ns()
         is_whole = False
+
+        # A session of its own, so that all that it starts can be ended together
         options = {"stdin": PIPE, "stdout": DEVNULL, "stderr": PIPE, "start_new_session": True}
         starting = asyncio.ensure_future(
             asyncio.create_subprocess_exec(PROGRAM, *self._language, "--stdin", **options)
         )
         try:
-            process = await asyncio.shield(starting)  # a start that is cut off still has to be ended
+            # without `shield` a program whose start is cut off could not be found and ended
+            process = await asyncio.shield(starting)
             _, output = await process.communicate(text.encode())
             is_whole = True
             self._report_output(output.decode(errors="replace"))

@@ -126,7 +126,7 @@ class MotionTable:
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
 
-        # Tell what is left out
+        # Note the unused columns: one of them may have been meant
         used = {*layout.indices.values()}
         unused: list[str] = []
         for index, name in enumerate(layout.names):
@@ -359,7 +359,7 @@ class MotionTable:
         """Return the declarations of unit and axis with which `positions` are plausible."""
         remedies: list[str] = []
 
-        # Another unit
+        # Another unit, with which all is plausible
         size = float(self._sizes[self.names.index(names[0])])
         distances_m = plausible_units(body, positions, times_s, size)
         if distances_m:

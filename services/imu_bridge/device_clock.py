@@ -125,7 +125,7 @@ class DeviceClock:
             self._offset += late
             late = 0.0
 
-        # Slower: the link has stalled, or a clock was set
+        # Much slower: the link has stalled, or a clock was set
         if late <= LATE_NS:
             self._outliers = None
         elif self._is_jump(late, arrival_ns):

@@ -191,7 +191,7 @@ class WristMonitor:
             )
         yield "silence", message
 
-        # A hand trembles. Values in which that would show, but which stay equal, are of no hand.
+        # A hand trembles: values that would show it, but stay equal, come from no hand
         same_s = self._last_s - self._changed_s
         shows_tremor = self._finest < FINE or len(self._values) == RAW
         message = ""
@@ -202,7 +202,7 @@ class WristMonitor:
             )
         yield "frozen", message
 
-        # A storm of short connections
+        # Many connections in succession hint at a weak signal, or at a second program
         connections = self._connections
         message = ""
         if len(connections) == STORM and now_s - connections[0] < STORM_S:

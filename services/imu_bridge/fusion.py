@@ -227,7 +227,7 @@ class Fusion:
                 change_radps = float(np.linalg.norm(bias - self._moving_bias))
                 self.measured_degps = math.degrees(change_radps)
 
-        # Drift since the last rest, at which the heading was not corrected, but stood still
+        # Drift since the last rest, when the filter last saw the bias alone
         rate_degps = min(self.uncertainty_degps, self.measured_degps)
         drift_deg: float | None = None
         if self._rested_s is not None and rate_degps:

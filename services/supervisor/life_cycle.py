@@ -208,7 +208,7 @@ class LifeCycle:
         self._over_ns = 0
         """Time at which the last attempt ended, ns. Anything that began earlier is over."""
 
-        # Texts for the person
+        # What the next step depends on
         self._manner: SelectionManner | None = None
         """Manner in which people select here, or None if no selector has published it."""
         self._advice: dict[str, str] = {}
@@ -362,7 +362,7 @@ class LifeCycle:
         if activity == "localizing":
             return "recovered"
 
-        # Somebody else has asked the localizer
+        # Another client has asked the localizer
         began_ns = localization.since_ns or localization.stamp_ns
         is_over = began_ns < self._over_ns or self._pending_cancels > 0
         if localization.phase != "sampling" or is_over:

@@ -87,7 +87,7 @@ def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> S
     if elapsed_s >= duration_s:
         return (0.0, 0.0, 0.0)
 
-    # Time as a share of the duration, and the start in this unit of time
+    # Normalize: time as a share of the duration, and the state at the start in this unit
     s = max(elapsed_s, 0.0) / duration_s
     s2 = s * s
     s3 = s**3

@@ -41,7 +41,7 @@ class Perception:
 
     def update(self, now_ns: int, goal: PersonGoal) -> None:
         """Process cues, and look at the strips if it is time."""
-        # Cues count at once
+        # Cues are heard at any time, and count at once
         for cue in self._sight.cues:
             self.perceived.on_cue(cue, now_ns)
             if cue.turn_rad is not None and goal.closed_loop:
@@ -52,7 +52,7 @@ class Perception:
             if is_of_selection and self.perceived.state == "pointing":
                 self._on_selection_cue(cue, now_ns, goal)
 
-        # Looks take time
+        # A person looks ten times a second
         if now_ns < self._next_ns <= now_ns + LOOK_NS:
             return
         self._next_ns = now_ns + LOOK_NS

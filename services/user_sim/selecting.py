@@ -134,7 +134,7 @@ class Selecting:
             self._leave_object(now_ns)
             return
 
-        # It is done
+        # Selected or undone, or no longer to be had
         is_button = seen.thing.mode == "button"
         if is_button and self._things.status(self._current) == "mine":
             self._things.believe(self._current, "free", now_ns)  # anybody may fire it again

@@ -335,7 +335,7 @@ class BleSource:
                 if not runs_on:
                     await self._wrist.configure(connection)
 
-            # Deliver
+            # Deliver from here on. Silence counts from now: a wrist takes a moment to start.
             self._received_s = asyncio.get_running_loop().time()
             self._start_delivery(keeps_yaw=runs_on)
             if advertisement.rssi_dbm is not None:
@@ -390,7 +390,7 @@ class BleSource:
                     for item in await self._wrist.ask(connection):
                         self._deliver(item)
 
-            # Wait, and go on while it sends
+            # A lost connection ends the wait at once
             if await wait_up_to(self._lost, SILENCE_S / 2):
                 raise self._failure
             silent_s = loop.time() - max(self._received_s, configured_s)

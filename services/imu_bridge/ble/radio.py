@@ -157,7 +157,7 @@ def describe_error(error: BaseException) -> str:
         BleakGATTProtocolError,
     )
 
-    # Errors of bleak, which state their reason
+    # Errors of bleak have a reason, or name what is missing
     text = f"{type(error).__name__}: {error}".rstrip(": ")
     if isinstance(error, BleakBluetoothNotAvailableError):
         if error.reason.name.startswith("DENIED"):

@@ -342,7 +342,7 @@ class OscDecoder(Decoder):
         if is_component and parent == self._config.address:
             return self._add_component(message, axis, stamp_ns)
 
-        # What stands beside it
+        # Other content, as far as it is known
         has_rates = address == SENSORS and len(numbers) >= 6
         if has_rates and not self._has_orientation:
             rates = vector(numbers[0:3], math.radians(1.0))

@@ -122,7 +122,7 @@ class SlimevrTrackers:
             self._known[address] = tracker
         tracker.newest_call_s = tracker.received_s = now_s
 
-        # Answer the one that may be used. A board that was restarted counts on from its last number.
+        # Answer the one that may be used. The same board at a new address counts on from its last number.
         if not self._may_be_used(tracker, now_s):
             tracker.is_answered = False
             return None
@@ -162,7 +162,7 @@ class SlimevrTrackers:
         is_reconnected = not goes_on or self.is_lost
         keeps_yaw = number > previous > 0 or goes_on
 
-        # Use it
+        # A datagram without a number leaves the last one
         if is_counted:
             tracker.number = number
         tracker.has_sent = True

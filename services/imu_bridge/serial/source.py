@@ -296,7 +296,7 @@ class SerialSource:
             if is_due:  # let other programs open the ports
                 pause_s = min(2 * pause_s, SEARCH_PAUSE_S[1])
 
-            # Use the only one. Several are a choice for a person.
+            # Use the only one. Of several, a person must choose.
             detected_answers = [answer for answer in answers.values() if answer.found is not None]
             if len(detected_answers) == 1:
                 self._first = detected_answers[0].found
@@ -329,7 +329,7 @@ class SerialSource:
                 while self._urgent:
                     port.write(self._urgent.popleft())
 
-                # Deliver what has arrived
+                # A read ends after the port's timeout, so that commands are not held up
                 data = port.read(max(1, port.in_waiting))
                 now_s = time.monotonic()
                 for item in detection.feed(data, self._clock.now_ns(), now_s):

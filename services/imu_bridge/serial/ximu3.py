@@ -122,7 +122,7 @@ class Ximu3Framer(SerialFramer):
             self._skipping = True
         self._rest = b"" if self._skipping else rest
 
-        # Read them
+        # A message that cannot be read is counted, and the others are used
         items: list[Item] = []
         for message in ended:
             if not message.strip(b"\r"):

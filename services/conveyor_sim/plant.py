@@ -216,7 +216,7 @@ class Plant:
         self.speeds: Mapping[str, float] = self._traffic.speeds
         """Speed of each belt, m/s."""
 
-        # Speeds first: a belt that runs backwards is filled from its end
+        # Speeds first: they say at which end of a belt the first packages are
         speed_mps = config.speed_mps
         if self._feeders.schedule is not None:
             speed_mps = self._feeders.schedule.step.speed_mps

@@ -163,7 +163,7 @@ class StandstillMonitor:
             self._due_ns = now_ns + round(REPEAT_S * NS_PER_S)
             return True
 
-        # It has stood for the whole window. Later its place may differ by drift
+        # It has stood for the whole window: from now on its present place is the one that it may not leave
         if now_ns - since_ns >= WINDOW_S * NS_PER_S:
             self.problem = ""
             self._place = (now_ns, report.position_m)

@@ -135,7 +135,7 @@ class RobotPilot:
         if stage in ("landing", "taking_off", "landed"):
             return stage
 
-        # Otherwise it moves on a path, until it is where it follows to, and while others push it
+        # Otherwise it moves on a path, until it is where it follows to, and while it reports a speed
         if stage == "on_path":
             return "moving"
         if isinstance(command, Follow) and math.dist(command.position_m, report.position_m) > NEAR_M:
@@ -287,7 +287,7 @@ class RobotPilot:
         if self.user:
             return
 
-        # Requests count for a short time, and none from before the robot was lost
+        # Requests count for a short time, and none from before the robot's first report after a loss
         age_ns = round(MAX_CLAIM_AGE_S * NS_PER_S)
         first_ns = max(self._since_ns, now_ns - age_ns)
         last_ns = now_ns + age_ns

@@ -74,7 +74,7 @@ class RobotReplay(Service[RobotReplayConfig]):
             if due_ns < now_ns:
                 continue
 
-            # Again if the clock has been set back meanwhile
+            # By the clock: a single sleep may end before it shows that time
             wait_ns = due_ns - self.clock.now_ns()
             while wait_ns > 0:
                 await sleep(self.clock, wait_ns / NS_PER_S)

@@ -216,7 +216,7 @@ class SerialOutput(PixelOutput):
         rate_hz = len(self._busy_s) / sum(self._busy_s)
         self.health.set_metric(FRAME_RATE, rate_hz, "Hz")
 
-        # The fastest of several frames: one that waits for the processor is no slow link
+        # The fastest of several frames: the others may have been held up by more than the link
         fastest_s = min(self._took_s)
         slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._port.wanted_rate_hz)
         if fastest_s <= slow_s:

@@ -242,7 +242,7 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         await view.close()
 
 
-async def test_a_machine_that_slept_does_not_make_the_objects_jump() -> None:
+async def test_machine_that_slept_does_not_make_the_objects_jump() -> None:
     async with shift(room=LAB, surface="strip", feeder={"count": 1}) as one:
         one.clock.advance(3600.0)
         await until(lambda: one.lists[-1].stamp_ns == one.clock.now_ns())

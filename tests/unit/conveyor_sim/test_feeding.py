@@ -217,7 +217,7 @@ def test_schedule_runs_its_steps_in_order_with_their_speeds(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("name", "steps", "fastest_mps"), [("feeders_0", 9, 2.0), ("feeders_3", 13, 10.0)])
-def test_the_toolkits_schedules_run_as_they_are(name: str, steps: int, fastest_mps: float) -> None:
+def test_toolkits_schedules_run_as_they_are(name: str, steps: int, fastest_mps: float) -> None:
     path = data_file(f"pointit-ros2/{name}.yaml")
     assert len(read_schedule(path).steps) == steps
     belts = plant(VR, schedule=str(path))
@@ -259,7 +259,7 @@ def test_belts_of_other_names_are_found_or_said(tmp_path: Path) -> None:
         ("random: True", "randm: True", "randm"),
     ],
 )
-def test_a_schedule_that_cannot_be_used_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+def test_schedule_that_cannot_be_used_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     path = written(tmp_path, SCHEDULE.replace(old, new))
     with pytest.raises(ConfigError, match=sentence) as refused:
         check_schedule(config(schedule=path))

@@ -180,7 +180,7 @@ BRIDGES_TO_ONE_START = room(
     {"interval_s": 0.3, "length_m": 0.15, "initial": 0, "count": 25},
 )
 @given(networks(), st.lists(action, min_size=10, max_size=40), bay_pairs, feeders)
-def test_nothing_overlaps_or_is_lost_on_any_network(
+def test_packages_neither_overlap_nor_get_lost_on_any_network(
     environment: Environment,
     actions: list[tuple[str, float]],
     bays: tuple[str, str],
@@ -287,7 +287,7 @@ def test_package_waiting_at_a_crossing_touches_none_that_pass() -> None:
     assert counts["1", "blue"] >= 10
 
 
-def test_a_linked_belt_that_runs_backwards_holds_at_its_start() -> None:
+def test_linked_belt_that_runs_backwards_holds_at_its_start() -> None:
     belts = plant(CHAIN, feeder={"sequence": ["red"], "interval_s": 2.0, "count": 3})
     run(belts, 5.0)
     belts.set_speed(-0.5)
@@ -406,7 +406,7 @@ def test_initial_objects_are_evenly_spaced_the_first_furthest_along(speed_mps: f
     assert belts.fed == 5
 
 
-def test_the_count_ends_the_feeding_and_reset_begins_it_again() -> None:
+def test_count_ends_the_feeding_and_reset_begins_it_again() -> None:
     belts = conveyor(2.0, count=3)
     events = belts.step(100 * S)
     assert (belts.fed, belts.state(0).left) == (3, 3)

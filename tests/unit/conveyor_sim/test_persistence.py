@@ -47,7 +47,7 @@ def test_one_that_was_restored_is_as_the_one_before(
         assert all(tracked.id in ids or int(tracked.id.split("-")[1]) > len(ids) for tracked in objects)
 
 
-def test_a_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     path = tmp_path / "steps.yaml"
     feeder = "{random: False, kind_sequence: [0, 1], min_interval: 2.0, max_interval: 2.0}"
     path.write_text(

@@ -108,7 +108,7 @@ async def test_unpublished_event_is_published_after_a_restart() -> None:
         assert third.events == []
 
 
-async def test_a_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
+async def test_second_conveyor_says_that_it_keeps_nothing_and_runs() -> None:
     clock = ManualClock()
     first = Store(stored(), LAYOUT)
     first.open(clock.now_ns(), read)

@@ -50,7 +50,7 @@ async def test_expander_reports_its_current_and_warns_above_the_limit(tmp_path: 
         await until(lambda: any(figure.value == 0.0 for figure in reports[-1].figures))
 
 
-async def test_a_stuck_controller_is_said_and_holds_nobody_up(tmp_path: Path) -> None:
+async def test_stuck_controller_is_said_and_holds_nobody_up(tmp_path: Path) -> None:
     clock = ManualClock()
     with pty_device(tmp_path / "led") as device:  # nobody reads it
         async with memory_bench(clock) as bench:
@@ -143,7 +143,7 @@ def test_frame_rate_is_that_of_the_link_even_for_static_pictures(
     assert not health.warnings
 
 
-async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
+async def test_throttled_link_is_called_slow_and_no_cable_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the reader is a thread of a machine that may be busy

@@ -73,7 +73,7 @@ def test_lamps_go_dark_at_a_known_time_when_nobody_points() -> None:
     assert shining.lamps.next_change_ns() is None
 
 
-def test_a_new_map_leaves_no_lamp_lit() -> None:
+def test_new_map_leaves_no_lamp_lit() -> None:
     shining = lights(lamps="ab")
     shining.on_cursor("anna", cursor(a=0.0, b=0.0), NOW_NS)
     assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}

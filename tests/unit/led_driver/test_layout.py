@@ -149,7 +149,7 @@ def test_lookup_of_two_thousand_points_takes_less_than_a_frame() -> None:
     assert within(min(took_s), 0.005)  # it takes 0.4 ms
 
 
-def test_a_pixel_may_lie_beside_two_belts_and_shows_both() -> None:
+def test_pixel_may_lie_beside_two_belts_and_shows_both() -> None:
     other = Belt(id="other", line_m=((0.0, 0.5, 1.0), (3.0, 0.5, 1.0)), width_m=WIDTH_M)
     stage = Stage(beside(0.25, 0.0, 3.0), belts=(STRAIGHT, other))
     for belt in ("belt", "other"):

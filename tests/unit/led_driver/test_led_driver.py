@@ -41,7 +41,7 @@ from tests.unit.led_driver.driving import (
 MAP_WITH_LAMP = MAP_MESSAGE.model_copy(update={"lamps": (Lamp(id="a", position_m=(0.0, 0.0, 1.0)),)})
 
 
-async def test_a_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
+async def test_cursor_is_drawn_at_once_with_its_own_stamp() -> None:
     async with driven() as (bench, clock, frames):
         assert frames[0].stamp_ns == clock.now_ns()
         await asyncio.sleep(0.005)
@@ -68,7 +68,7 @@ def test_cursor_without_a_point_requests_one_dark_frame_only() -> None:
     assert not scene.set_cursor("anna", nowhere, 4)
 
 
-async def test_a_cursor_gives_its_stamp_to_one_frame_only() -> None:
+async def test_cursor_gives_its_stamp_to_one_frame_only() -> None:
     """Else a wrist that fell silent looks like latency as long as its cursor is lit."""
     async with driven() as (bench, clock, frames):
         bench.put(at.CURSOR, cursor(clock, 0.55), "anna")
@@ -142,7 +142,7 @@ async def test_silent_cursors_and_objects_vanish_by_themselves() -> None:
         await until(lambda: not pixels(frames[-1], "a"))
 
 
-async def test_a_request_sets_the_brightness() -> None:
+async def test_request_sets_the_brightness() -> None:
     async with driven() as (bench, clock, frames):
         reports = bench.collect(at.HEALTH)
 
@@ -162,7 +162,7 @@ async def test_a_request_sets_the_brightness() -> None:
             await bench.bus.call(at.SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("x",)))
 
 
-async def test_an_unknown_colormap_is_said_until_another_is_chosen() -> None:
+async def test_unknown_colormap_is_said_until_another_is_chosen() -> None:
     async with driven() as (bench, _clock, frames):
         reports = bench.collect(at.HEALTH)
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_colormap="rainbow"), "anna")
@@ -254,7 +254,7 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
         assert not any(each.errors for each in health)
 
 
-def test_a_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
+def test_clock_that_is_ahead_does_not_move_objects_backwards() -> None:
     clock = ManualClock()
     scene = StripContent(FAST)
     scene.set_layout(Layout(MAP_MESSAGE.strips))

@@ -280,7 +280,7 @@ def test_offline_lamp_gets_its_colour_when_it_is_back() -> None:
     assert drain(sender, 3.0, 3.0) == [(3.0, "a", RED)]
 
 
-def test_a_lit_lamp_that_leaves_the_map_goes_off() -> None:
+def test_lit_lamp_that_leaves_the_map_goes_off() -> None:
     sender = commands()
     sender.show("a", RED)
     sender.show("b", DARK)
@@ -291,7 +291,7 @@ def test_a_lit_lamp_that_leaves_the_map_goes_off() -> None:
     assert sender.wait_s(2.0) is None
 
 
-def test_after_a_new_connection_all_colours_are_sent_again() -> None:
+def test_colours_are_all_resent_after_a_new_connection() -> None:
     sender = commands()
     sender.show("a", RED)
     sender.show("b", DARK)
@@ -327,7 +327,7 @@ def test_lamps_end_with_their_newest_colours_within_the_rates(
     assert set(sender.lit) == {lamp_id for lamp_id, color in wanted.items() if color != DARK}
 
 
-async def test_a_cancellation_that_arrives_with_a_confirmation_is_not_lost() -> None:
+async def test_cancellation_that_arrives_with_a_confirmation_is_not_lost() -> None:
     confirmation: asyncio.Future[None] = asyncio.get_running_loop().create_future()
     call = asyncio.wait_for(confirmation, 60.0)  # noqa: TID251 - as aiomqtt does
     client = BrokerClient(aiomqtt.Client("127.0.0.1"), user="")

@@ -139,7 +139,7 @@ def test_pending_object_fills_when_its_claimant_deselects_it() -> None:
 PATTERNS = ["solid", "dashed", "dotted", "striped", "hollow", "tailed"]
 
 
-def test_the_patterns_of_nine_pixels() -> None:
+def test_patterns_of_nine_pixels() -> None:
     def signs(pattern: str, speed_mps: float = 0.0) -> str:
         stage = Stage(margin_m=0.2).profile("anna", GREEN, pattern=pattern)
         shown = stage.put(item(0.95, 0.9, surface_speed_mps=speed_mps)).select("anna").shown()
@@ -156,7 +156,7 @@ def test_objects_that_are_not_selected_have_no_pattern() -> None:
     assert stage.shown()[7:12] == [DIM] * 5
 
 
-def test_a_moving_object_has_a_fading_tail_behind_it() -> None:
+def test_moving_object_has_a_fading_tail_behind_it() -> None:
     forth = Stage(tail_s=0.2).put(item(1.0, 0.4, surface_speed_mps=2.0)).shown()
     assert forth[8:12] == [DIM] * 4
     tail = [color[0] for color in forth[4:8]]
@@ -193,7 +193,7 @@ def test_tails_lie_beneath_other_objects() -> None:
     assert stage.shown()[3:7] == [DIM] * 4
 
 
-def test_an_object_partly_beyond_the_strip_keeps_its_shape() -> None:
+def test_object_partly_beyond_the_strip_keeps_its_shape() -> None:
     at_start = Stage().put(item(0.1)).select("x").shown()
     assert at_start[:5] == [*[RED] * 3, WHITE, BLACK]
     at_end = Stage().put(item(1.9)).select("x").shown()
@@ -252,7 +252,7 @@ def test_brightness_of_one_strip_leaves_the_others_alone() -> None:
     assert stage.shown("back") == back
 
 
-def test_a_frame_keeps_nothing_of_the_one_before() -> None:
+def test_frame_keeps_nothing_of_the_one_before() -> None:
     stage = Stage().put(item(0.6)).point("anna", 1.0, "back")
     assert stage.lit()
     assert stage.lit("back")

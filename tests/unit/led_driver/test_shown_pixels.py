@@ -26,7 +26,7 @@ async def test_shown_pixels_replace_cursors_until_their_time_is_over() -> None:
         assert pixels(after, "b")
 
 
-async def test_the_strips_are_given_back_without_another_message() -> None:
+async def test_strips_are_given_back_without_another_message() -> None:
     async with driven() as (bench, clock, frames):
         await bench.bus.call(at.SHOW_PIXELS, ShowPixels(lit=(MARK,), for_s=0.05))
         assert pixels(frames[-1], "a")
@@ -34,7 +34,7 @@ async def test_the_strips_are_given_back_without_another_message() -> None:
         assert not pixels(await next_frame(frames), "a")
 
 
-async def test_a_new_map_ends_what_was_shown() -> None:
+async def test_new_map_ends_what_was_shown() -> None:
     async with driven() as (bench, _clock, frames):
         await bench.bus.call(at.SHOW_PIXELS, ShowPixels(lit=(MARK,), for_s=60))
         bench.put(at.MAP, MAP_MESSAGE.model_copy(update={"stamp_ns": 2}))

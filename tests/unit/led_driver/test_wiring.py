@@ -163,7 +163,7 @@ def test_drawing_takes_as_long_as_the_longest_channel() -> None:
     assert 1 / output.draw_time_s() == pytest.approx(133, abs=1)
 
 
-def test_without_segments_strips_go_in_the_maps_order() -> None:
+def test_strips_go_in_the_maps_order_without_segments() -> None:
     wiring, problems = map_channels(ExpanderConfig(port="x"), [strip("b", 10), strip("a", 20)])
     assert [(w.number, w.order, w.pixels) for w in wiring.channels] == [(0, "GRB", 10), (1, "GRB", 20)]
     assert not problems

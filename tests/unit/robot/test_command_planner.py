@@ -83,7 +83,7 @@ def wish(desk: Desk, mode: str, place_m: tuple[float, float, float]) -> None:
 
 
 @pytest.mark.parametrize(("stage", "mode"), list(product(get_args(Stage), get_args(Mode))))
-def test_a_robot_does_what_the_table_says(stage: Stage, mode: Mode) -> None:
+def test_robot_does_what_the_table_says(stage: Stage, mode: Mode) -> None:
     desk = desk_in(stage)
     action = ACTIONS[stage][mode]
     wish(desk, mode, THERE)
@@ -94,7 +94,7 @@ def test_a_robot_does_what_the_table_says(stage: Stage, mode: Mode) -> None:
 
 
 @pytest.mark.parametrize(("hold", "verdict"), list(product(get_args(Hold), get_args(Verdict))))
-def test_a_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) -> None:
+def test_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) -> None:
     desk = desk_in("resting")
     before = HELD[hold]
     now = STOPS[verdict]

@@ -196,7 +196,7 @@ def test_take_off_that_does_not_happen_is_given_up_and_reported() -> None:
     assert [desk.step() for _ in range(20)] == [None] * 20
 
 
-def test_a_landing_takes_its_time_while_the_robot_moves() -> None:
+def test_landing_takes_its_time_while_the_robot_moves() -> None:
     desk = flying_desk()
     desk.steer("anna", "land", target_m=(0.2, 0.3, 0.0))
     assert isinstance(desk.step(), Land)
@@ -233,7 +233,7 @@ def test_quadrotor_follows_above_the_floor_and_hovers_when_pointed_elsewhere() -
 
 
 @pytest.mark.parametrize("state", ["refused", "failed", "cancelled"])
-def test_an_order_that_is_refused_is_said_and_not_repeated(
+def test_order_that_is_refused_is_said_and_not_repeated(
     state: Literal["refused", "failed", "cancelled"],
 ) -> None:
     desk = ready_desk()
@@ -311,7 +311,7 @@ ACTS: dict[str, Callable[[Desk, str], object]] = {
     acts=st.lists(st.tuples(st.sampled_from(PEOPLE), st.sampled_from(sorted(ACTS))), max_size=40),
     kind=st.sampled_from(["ground", "quadrotor"]),
 )
-def test_nothing_but_a_stop_is_ordered_while_nobody_steers(acts: list[tuple[str, str]], kind: str) -> None:
+def test_robot_gets_only_stops_while_nobody_steers(acts: list[tuple[str, str]], kind: str) -> None:
     desk = Desk(kind=kind)
     for who, what in acts:
         before = desk.last_order
@@ -421,7 +421,7 @@ async def test_figure_ends_with_the_localizer_and_needs_a_recent_localization(
 
 
 @flown(RobotConfig(kind="ground", figure=FigureConfig(people_m=((0.9, 0.0, 0.0),))))
-async def test_a_robot_without_room_says_so_and_stays(pilotage: Pilotage) -> None:
+async def test_robot_without_room_says_so_and_stays(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "idle")
     begin(pilotage)
     without_room = await pilotage.until(lambda state: state.reason == NO_FIGURE)
@@ -463,7 +463,7 @@ def test_figure_is_less_informative_where_people_and_fences_leave_little_room() 
     assert flight.command(STANDS, CurrentOrder(), safety, 0) is not None
 
 
-def test_a_figure_takes_the_time_that_is_configured() -> None:
+def test_figure_takes_the_time_that_is_configured() -> None:
     config = GROUND.model_copy(update={"max_speed_mps": 0.5, "figure": FigureConfig(duration_s=8.0)})
     flight = FigureFlight(config, ROBOT)
     flight.on_localization("ben", SAMPLING)

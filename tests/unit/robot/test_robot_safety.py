@@ -36,7 +36,7 @@ def after(robot: Steered, seconds: float, target_m: Vec3) -> Vec3:
     return robot.report.position_m
 
 
-def test_a_cursor_beyond_a_fence_is_followed_along_the_fence() -> None:
+def test_cursor_beyond_a_fence_is_followed_along_the_fence() -> None:
     robot = steered()
     assert math.dist(after(robot, 8.0, (-6.0, -2.0, 0.0))[:2], (-2.7, -2.0)) < 0.07
     assert "keep_in" in robot.problem
@@ -51,13 +51,13 @@ def test_cursor_behind_a_volume_leads_to_its_edge_only() -> None:
     assert robot.problem == ""
 
 
-def test_a_person_exactly_in_between_is_passed() -> None:
+def test_person_exactly_in_between_is_passed() -> None:
     config = GROUND.model_copy(update={"start_m": (0.0, -2.5, 0.0), "keep_out_m": 0.8})
     robot = steered(config, ada=(-1.0, 0.0, 0.0))
     assert math.dist(after(robot, 30.0, (-2.0, 2.5, 0.0))[:2], (-2.0, 2.5)) < 0.15
 
 
-def test_a_robot_is_slow_near_people() -> None:
+def test_robot_is_slow_near_people() -> None:
     config = GROUND.model_copy(update={"start_m": (-2.5, 2.5, 0.0), "max_speed_mps": 2.0})
     robot = steered(config, ada=(-2.5, -2.5, 0.0))
     speeds: dict[bool, float] = {True: 0.0, False: 0.0}
@@ -72,7 +72,7 @@ def test_a_robot_is_slow_near_people() -> None:
     assert speeds[False] > 1.0
 
 
-def test_a_robot_behind_a_fence_can_only_come_back() -> None:
+def test_robot_behind_a_fence_can_only_come_back() -> None:
     config = GROUND.model_copy(update={"start_m": (-4.0, 0.0, 0.0)})
     robot = steered(config)
     assert after(robot, 4.0, (-6.0, 0.0, 0.0))[0] > -4.05
@@ -139,7 +139,7 @@ def test_ground_robot_stays_its_users_while_they_point_at_lamps(kind: str) -> No
     assert robot.safety.take_problem("ada", robot.now_ns) == stop.text
 
 
-def test_nothing_moves_before_the_map_has_come() -> None:
+def test_robot_stays_before_the_map_has_come() -> None:
     safety = Safety(GROUND, "quad")
     now_ns = START_NS
     safety.on_report(RobotReport(now_ns, (0.0, 0.0, 0.0), velocity_mps=(0.3, 0.0, 0.0)), now_ns)
@@ -155,7 +155,7 @@ def test_nothing_moves_before_the_map_has_come() -> None:
     assert safety.stop("", "none", now_ns) is None
 
 
-def test_a_quadrotor_does_not_take_off_beside_a_person() -> None:
+def test_quadrotor_does_not_take_off_beside_a_person() -> None:
     config = RobotConfig(driver="sim", kind="quadrotor", radius_m=0.2)
     robot = steered(config, ada=(0.0, -0.8, 0.0))
     landed = RobotReport(robot.now_ns, (0.0, 0.0, 0.0))

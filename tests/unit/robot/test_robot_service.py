@@ -65,7 +65,7 @@ async def test_quadrotor_takes_off_hovers_and_lands_where_its_user_points(
 
 
 @flown(RobotConfig(kind="ground"))
-async def test_a_ground_robot_drives_along_way_points_to_its_goal(pilotage: Pilotage) -> None:
+async def test_ground_robot_drives_along_way_points_to_its_goal(pilotage: Pilotage) -> None:
     pilotage.arrive("anna", (0.5, 1.0, 0.0))
     await pilotage.take_for_goals("anna")
     pilotage.send("anna", (0.5, 1.0, 0.0), (-0.5, 1.0, 0.0))
@@ -175,7 +175,7 @@ async def test_robot_is_found_and_stopped_and_absent_ones_are_reported(pilotage:
 
 
 @flown()
-async def test_a_robot_whose_process_was_killed_is_listed_as_lost(pilotage: Pilotage) -> None:
+async def test_robot_whose_process_was_killed_is_listed_as_lost(pilotage: Pilotage) -> None:
     await pilotage.until(lambda state: state.phase == "landed")
     pilotage.bench.put(ROBOT_PLAN, RobotPlan(stamp_ns=1), "cart")  # as the keeper has it
     there, gone = sorted(rows(await find_robots(pilotage.bench.bus)), key=lambda row: row["phase"] == "lost")
@@ -303,7 +303,7 @@ async def test_reports_twice_out_of_order_or_old_do_not_disturb(
 
 @pytest.mark.parametrize("ahead_s", [-3600.0, 3600.0])
 @flown(FLYER)
-async def test_a_robot_with_another_time_is_not_steered(
+async def test_robot_with_another_time_is_not_steered(
     pilotage: Pilotage, drivers: list[FaultyDriver], ahead_s: float
 ) -> None:
     pilotage.arrive("anna", PLACE)

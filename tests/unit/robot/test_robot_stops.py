@@ -185,7 +185,7 @@ STOPS: dict[str, Case] = {
 
 @pytest.mark.parametrize("name", STOPS)
 @flown(CONFIG)
-async def test_a_robot_stops_within_the_stated_time(
+async def test_robot_stops_within_the_stated_time(
     pilotage: Pilotage, drivers: list[FaultyDriver], name: str
 ) -> None:
     case = STOPS[name]
@@ -220,7 +220,7 @@ async def test_a_robot_stops_within_the_stated_time(
 
 
 @flown(CONFIG)
-async def test_a_robot_that_reports_no_velocity_stops_before_a_person(
+async def test_robot_that_reports_no_velocity_stops_before_a_person(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
     driver = await at_full_speed(pilotage, drivers)
@@ -277,7 +277,7 @@ async def test_quadrotor_neither_rises_nor_lands_beside_an_approaching_person(
     await pilotage.until(lambda state: state.phase == "landed")
 
 
-def test_the_guide_states_these_times() -> None:
+def test_guide_states_these_times() -> None:
     rows = [line.split(" | ")[:2] for line in GUIDE.read_text(encoding="utf-8").splitlines()]
     stated = {cells[0].removeprefix("| "): cells[1] for cells in rows if len(cells) == 2}
     assert {name: stated.get(name) for name in STOPS} == {
@@ -450,7 +450,7 @@ def check_course(course: Course) -> float:
 
 
 @pytest.mark.parametrize("kind", ["quadrotor", "ground"])
-def test_a_robot_moves_crosses_no_fence_and_approaches_nobody(kind: RobotKind) -> None:
+def test_robot_moves_crosses_no_fence_and_approaches_nobody(kind: RobotKind) -> None:
     assert sum(check_course(random_course(kind, seed)) for seed in range(8)) > 8 * 0.5
 
 
@@ -463,7 +463,7 @@ def test_a_robot_moves_crosses_no_fence_and_approaches_nobody(kind: RobotKind) -
         pytest.param(range(200), id="200 courses", marks=pytest.mark.long),
     ],
 )
-def test_a_ground_robot_that_turns_beside_corners_crosses_none(seeds: Sequence[int]) -> None:
+def test_ground_robot_that_turns_beside_corners_crosses_none(seeds: Sequence[int]) -> None:
     way_m = [check_course(corner_course(seed)) for seed in seeds]
     assert sum(way_m) > len(way_m) * 0.5
 

@@ -149,7 +149,7 @@ def test_speed_acceleration_and_jerk_stay_within_limits_at_any_command(
 
 
 @given(courses, places)
-def test_a_place_is_reached_after_any_commands(course: list[tuple[Command, int]], place: vector.Vec3) -> None:
+def test_place_is_reached_after_any_commands(course: list[tuple[Command, int]], place: vector.Vec3) -> None:
     robot = quadrotor()
     drive(robot, course)
     if not robot.is_flying:
@@ -161,7 +161,7 @@ def test_a_place_is_reached_after_any_commands(course: list[tuple[Command, int]]
 
 
 @given(courses, st.none() | st.tuples(coordinates, coordinates, st.floats(0.0, 1.0)))
-def test_it_lands_on_the_place_after_any_commands(
+def test_quadrotor_lands_on_the_place_after_any_commands(
     course: list[tuple[Command, int]], place: vector.Vec3 | None
 ) -> None:
     robot = quadrotor()
@@ -176,7 +176,7 @@ def test_it_lands_on_the_place_after_any_commands(
 
 
 @given(courses)
-def test_a_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Command, int]]) -> None:
+def test_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Command, int]]) -> None:
     robot = flying()
     drive(robot, course)
     if not robot.is_flying:
@@ -218,7 +218,7 @@ def test_limits_of_speed_acceleration_and_turn_rate_hold_at_any_command(
 
 
 @given(courses)
-def test_it_moves_forwards_only_and_never_sideways(course: list[tuple[Command, int]]) -> None:
+def test_ground_robot_moves_forwards_only(course: list[tuple[Command, int]]) -> None:
     for before, after in pairwise(drive(ground_robot(), course)):
         step = vector.subtract(after.position_m, before.position_m)
         if vector.norm(step) > 1e-9:
@@ -243,7 +243,7 @@ def test_path_ends_at_its_last_point_facing_as_ordered(
 
 
 @given(courses)
-def test_a_stop_brakes_within_the_stated_time_and_way(course: list[tuple[Command, int]]) -> None:
+def test_stop_brakes_within_the_stated_time_and_way(course: list[tuple[Command, int]]) -> None:
     robot = ground_robot()
     drive(robot, course)
     before = pose_of(robot).position_m
@@ -330,7 +330,7 @@ def test_refused_order_has_a_reason_and_leaves_the_previous_one(refused: Command
     [Follow(2, (9.0, 0.0, 0.5), max_speed_mps=0.3), FollowPath(2, ((9.0, 0.0, 0.5),), max_speed_mps=0.3)],
     ids=["follow", "path"],
 )
-def test_a_speed_limit_of_an_order_is_kept(kind: RobotKind, command: Command) -> None:
+def test_speed_limit_of_an_order_is_kept(kind: RobotKind, command: Command) -> None:
     pilot = fly((TakeOff(1, 0.5), 4.0), (command, 4.0), kind=kind)
     assert 0.25 < max(math.hypot(*pose.velocity_mps[:2]) for pose in pilot.poses) < 0.301
 

@@ -38,7 +38,7 @@ def test_samples_of_one_time_make_one_report_with_finite_velocity() -> None:
     assert trajectory.report(1, 0).objects[0].velocity_mps == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_a_lost_robot_has_no_report() -> None:
+def test_lost_robot_has_no_report() -> None:
     trajectory = Trajectory(recording([0.0, 0.1, 0.2, 0.3], [0.0, float("nan"), 0.4, 0.6]))
     assert trajectory.times_ns == [0, 200_000_000, 300_000_000]
     assert [trajectory.report(index, 0).objects[0].velocity_mps[0] for index in range(3)] == pytest.approx(
@@ -83,7 +83,7 @@ async def test_replay_starts_at_once_without_a_start_and_skips_the_past(tmp_path
         assert reports[0].seq > 20
 
 
-def test_a_robot_needs_no_orientations(tmp_path: Path) -> None:
+def test_robot_needs_no_orientations(tmp_path: Path) -> None:
     path = tmp_path / "robot.csv"
     path.write_text("t;X;Y;Z\n0;1000;0;500\n100;1200;0;500\n200;1400,0;0;500\n")
     form = MotionForm(columns="t=ms,robot_x=X/mm,robot_y=Y/mm,robot_z=4/mm")
@@ -94,7 +94,7 @@ def test_a_robot_needs_no_orientations(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("path", "what"), [("", "recording: is missing"), ("/none.csv", "cannot be read")])
-async def test_it_does_not_start_without_a_recording(path: str, what: str) -> None:
+async def test_replay_does_not_start_without_a_recording(path: str, what: str) -> None:
     bus = MemoryBus()
     launch = Launch(service=RobotReplay, config=RobotReplayConfig(recording=path))
     with pytest.raises(ConfigError, match=what):

@@ -52,7 +52,7 @@ def test_new_target_follows_the_released_way_unless_it_hardly_differs(bench: Agv
     assert len(orders(bench)) == settled
 
 
-def test_a_stop_cancels_and_an_idle_agv_is_left_alone(bench: AgvBench) -> None:
+def test_stop_cancels_and_an_idle_agv_is_left_alone(bench: AgvBench) -> None:
     idle = bench.tell(Stop)
     assert bench.outcomes(idle) == [("done", "")]
     bench.tell(FollowPath, (FAR,))
@@ -162,7 +162,7 @@ def test_agv_that_cannot_drive_is_stopped_and_refuses_orders(
     assert bench.virtual.place != there
 
 
-def test_an_order_that_somebody_else_cancels_ends(bench: AgvBench) -> None:
+def test_order_that_somebody_else_cancels_ends(bench: AgvBench) -> None:
     path = bench.tell(FollowPath, (FAR,))
     bench.run(1.0)
     bench.virtual.base = []
@@ -206,7 +206,7 @@ def test_order_from_before_a_lost_link_is_cancelled_afterwards(bench: AgvBench) 
     assert bench.virtual.base == []
 
 
-def test_the_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
+def test_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
     assert bench.agv.closing_messages() == []
     bench.tell(FollowPath, (FAR,))
     bench.run(0.5)
@@ -302,7 +302,7 @@ steps = st.lists(
 
 @settings(max_examples=60)
 @given(steps)
-def test_whatever_happens_little_is_released_and_a_stop_stops(chosen: list[tuple[str, Any, Any]]) -> None:
+def test_released_way_stays_short_and_a_stop_always_stops(chosen: list[tuple[str, Any, Any]]) -> None:
     bench = AgvBench()
     bench.connect()
     for what, a, b in chosen:

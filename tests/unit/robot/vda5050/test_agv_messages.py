@@ -35,7 +35,7 @@ state_fields = st.dictionaries(
 )
 
 
-def test_a_state_of_the_specification_is_understood() -> None:
+def test_state_of_the_specification_is_understood() -> None:
     state = parse(AgvState, STATE.encode())
     assert state is not None
     assert (state.order_id, state.order_update_id) == ("1234", 1)
@@ -67,7 +67,7 @@ def test_a_state_of_the_specification_is_understood() -> None:
         ({"errors": [{"errorType": "dusty", "errorLevel": "WARNING"}]}, ""),
     ],
 )
-def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentence: str) -> None:
+def test_agv_that_takes_no_orders_says_why(change: dict[str, object], sentence: str) -> None:
     state = parse(AgvState, json.dumps({**json.loads(STATE), **change}).encode())
     assert state is not None
     assert blocked_by(state) == sentence
@@ -215,11 +215,11 @@ def test_unreadable_field_is_reported_and_all_others_are_used(
     assert not parsed.is_executing
 
 
-def test_a_long_value_is_shortened_visibly() -> None:
+def test_long_value_is_shortened_visibly() -> None:
     assert state(timestamp="x" * 99).unreadable["timestamp"] == f"is '{'x' * 38}…"
 
 
-def test_an_unreadable_item_of_a_list_leaves_the_others() -> None:
+def test_unreadable_item_of_a_list_leaves_the_others() -> None:
     parsed = state(actionStates=[7, {"actionId": "b", "actionStatus": "FINISHED"}, {}])
     assert [(each.action_id, each.action_status) for each in parsed.action_states] == [("b", "FINISHED")]
     parsed = state(errors=[None, {"errorType": "wheel", "errorLevel": "fatal"}])

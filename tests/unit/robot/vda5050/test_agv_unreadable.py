@@ -33,7 +33,7 @@ def test_agv_is_steered_despite_unreadable_fields_which_health_reports(bench: Ag
 
 
 @pytest.mark.parametrize("header", [{"headerId": 0}, {"headerId": None}, {"timestamp": None}])
-def test_an_agv_without_a_counter_is_steered(header: dict[str, object]) -> None:
+def test_agv_without_a_counter_is_steered(header: dict[str, object]) -> None:
     bench = AgvBench()
     bench.change(**header)
     bench.connect()
@@ -65,7 +65,7 @@ def test_agv_is_reported_as_standing_only_if_it_says_so(bench: AgvBench) -> None
     assert len(bench.reports) == before
 
 
-def test_an_agv_without_a_position_says_so(bench: AgvBench) -> None:
+def test_agv_without_a_position_says_so(bench: AgvBench) -> None:
     bench.connect()
     bench.virtual.extra = {"agvPosition": {"x": "?", "y": 1.0}}
     bench.hear("state", bench.virtual.state())

@@ -115,27 +115,9 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
     asked = [*at(rights.asks), *read]
     watched = [*at(rights.watches), *late(rights.reads)]
     site_wide = list(all_key_expressions(site)[:2])
-    grants: Sequence[tuple[str, Sequence[str], str, list[str]]] = (
-        ("write", ("put",), "ingress", [*written, *tested]),
-        ("keep", ("declare_queryable",), "ingress", [*served, *late(rights.writes)]),
-        ("reply", ("reply",), "ingress", [*served, *written]),
-        ("announce", ("liveliness_token",), "ingress", announced),
-        ("read", ("declare_subscriber",), "ingress", [*read, *mine]),
-        ("ask", ("query",), "ingress", asked),
-        ("watch", ("liveliness_query", "declare_liveliness_subscriber"), "ingress", watched),
-        ("hear", ("put",), "egress", [*read, *mine]),
-        ("answered", ("reply",), "egress", asked),
-        ("see", ("liveliness_token",), "egress", watched),
-        (
-            "know",
-            ("declare_subscriber", "declare_queryable", "query", "liveliness_query"),
-            "egress",
-            site_wide,
-        ),
-        ("know-watchers", ("declare_liveliness_subscriber",), "egress", site_wide),
-    )
     rules: list[Rule] = []
-    for right, messages, flow, keys in grants:
+
+    def grant(right: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:
         if keys:
             rule = {
                 "id": f"{prefix}/{right}",
@@ -145,6 +127,23 @@ def rules_of(site: str, name: str, rights: Rights) -> list[Rule]:
                 "key_exprs": sorted(set(keys)),
             }
             rules.append(rule)
+
+    # What comes from the identity
+    grant("write", "ingress", ("put",), [*written, *tested])
+    grant("keep", "ingress", ("declare_queryable",), [*served, *late(rights.writes)])
+    grant("reply", "ingress", ("reply",), [*served, *written])
+    grant("announce", "ingress", ("liveliness_token",), announced)
+    grant("read", "ingress", ("declare_subscriber",), [*read, *mine])
+    grant("ask", "ingress", ("query",), asked)
+    grant("watch", "ingress", ("liveliness_query", "declare_liveliness_subscriber"), watched)
+
+    # What goes to it. Declarations and queries of others go to all
+    grant("hear", "egress", ("put",), [*read, *mine])
+    grant("answered", "egress", ("reply",), asked)
+    grant("see", "egress", ("liveliness_token",), watched)
+    declarations = ("declare_subscriber", "declare_queryable", "query", "liveliness_query")
+    grant("know", "egress", declarations, site_wide)
+    grant("know-watchers", "egress", ("declare_liveliness_subscriber",), site_wide)
     return rules
 
 

@@ -85,7 +85,7 @@ def modules() -> list[str]:
     return names
 
 
-def test_what_decides_loads_no_zenoh() -> None:
+def test_deciding_modules_load_no_zenoh() -> None:
     names = ["pointit.runtime.service.service", *modules()]
     assert {
         "pointit_lab.evaluation.localization.localization",
@@ -117,7 +117,7 @@ def installed_with(lines: list[str]) -> set[str]:
     return {canonicalize_name(name) for name in found}
 
 
-def test_what_scripts_test_imports_is_what_it_installs() -> None:
+def test_imports_of_scripts_test_are_installed_by_it() -> None:
     """Statements count without which a file of tests cannot be loaded."""
     there = installed_with([*PROJECT["dependencies"], *EXTRAS["test"]]) | {"pointit", "pointit-lab"}
     makers = packages_distributions()

@@ -243,7 +243,7 @@ def test_only_the_codec_imports_msgpack() -> None:
     }
 
 
-def test_messages_are_not_validated_only_where_a_core_calculates_one_for_each_sample() -> None:
+def test_unvalidated_messages_are_those_of_each_sample() -> None:
     """Values of devices, plug-ins, files and other programs come in elsewhere, and are validated there."""
     users = sources.importers("pointit.schemas.base.unchecked", sources.shipped())
     assert {place.partition(":")[0] for place in users} == {
@@ -352,7 +352,7 @@ def watches(*names: str) -> Counter[str]:
     )
 
 
-def test_who_shows_a_site_takes_presence_from_its_state() -> None:
+def test_displays_take_presence_from_the_sites_state() -> None:
     shared = ("services/", "pointit/runtime/", "pointit/site/")
     found = {
         file: count

@@ -29,7 +29,7 @@ OWN = {"ca.pem", "cert.pem", "key.pem", "link.json"}
 END_S = 5.0
 
 
-def test_what_two_people_select_leaves_at_bay_1(stack: Stack) -> None:
+def test_packages_of_two_people_leave_at_bay_1(stack: Stack) -> None:
     def done() -> bool:  # a person's process tells what that person did
         logs = {name: stack.log(name) for name in PEOPLE}
         # who is slower may be refused all that they point at: both want the red ones
@@ -156,7 +156,7 @@ def test_the_image_lists_all_that_is_in_it_as_locked(stack: Stack) -> None:
     assert {(name, version) for name, version in there.items() if name != "pointit"} <= pins
 
 
-def test_who_is_not_published_has_no_way_out(stack: Stack) -> None:
+def test_container_without_published_ports_has_no_way_out(stack: Stack) -> None:
     code = (
         "import socket\n"
         "try: socket.create_connection(('192.0.2.1', 80), 2)\n"
@@ -205,7 +205,7 @@ def test_a_killed_program_is_begun_again(stack: Stack) -> None:
     until(lambda: is_well(stack.doctor()), lambda: str(stack.doctor()))
 
 
-def test_who_is_revoked_is_refused_and_that_is_told(stack: Stack) -> None:
+def test_revoked_identity_is_refused_and_reported(stack: Stack) -> None:
     said = stack.compose("compose.yaml", "run", "-T", "--rm", "--no-deps", "init", "site", "revoke", "anna")
     assert "anna has no rights any more" in said
     until(lambda: f"{stack.site}/anna may not" in stack.log("router"), lambda: stack.log("router"), 15)

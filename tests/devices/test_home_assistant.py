@@ -127,7 +127,7 @@ async def test_selection_acts_newest_wins_and_the_rate_is_limited(
         await until(lambda: memory_home.states["switch.fan"]["state"] == "off", what="it to toggle back")
 
 
-async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_failures_tell_the_cause(
+async def test_thing_follows_its_entity_and_failures_have_a_cause(
     home: tuple[MemoryHome, int], tmp_path: Path
 ) -> None:
     memory_home, port = home
@@ -179,7 +179,7 @@ async def test_act_after_the_loss_of_the_connection_is_refused_with_its_cause(tm
         await until(lambda: "unavailable: no Home Assistant answers at" in site.told, what="the result")
 
 
-async def test_hovered_lamp_returns_also_after_the_end_and_a_restart_of_home_assistant(
+async def test_hovered_lamp_is_restored_after_ends_and_restarts(
     tmp_path: Path,
 ) -> None:
     memory_home = lit_home()
@@ -357,7 +357,7 @@ async def test_answers_of_other_servers_give_one_sentence(
         assert sentence in await refusal(config_of(tmp_path, port))
 
 
-async def test_path_of_a_proxy_is_used_and_one_without_a_home_assistant_is_named(tmp_path: Path) -> None:
+async def test_path_of_a_proxy_is_used_and_a_wrong_one_named(tmp_path: Path) -> None:
     paths: list[str] = []
 
     async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -446,7 +446,7 @@ def test_file_without_a_token_is_named_and_not_quoted(content: bytes, sentence: 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="rights of files")
-def test_own_token_is_for_nobody_else_that_of_another_owner_for_a_group_that_of_a_read_only_mount_for_all(
+def test_token_file_may_be_read_by_its_owner_group_or_mount(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As systemd (`LoadCredential`, 0440 of root), and a container's engine (secrets, 0444) give them."""

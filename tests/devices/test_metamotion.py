@@ -90,7 +90,7 @@ async def test_changes_of_the_button_become_gestures() -> None:
 
 
 @in_virtual_time
-async def test_cue_drives_motor_and_led_at_once_and_a_newer_one_replaces_its_rest() -> None:
+async def test_cue_drives_motor_and_led_until_a_newer_one() -> None:
     board = SimulatedMetaMotion()
     loop = asyncio.get_running_loop()
     async with worn(METAMOTION, board) as session:
@@ -142,9 +142,7 @@ async def test_cue_that_fails_is_logged_and_the_next_one_is_played(
 
 @pytest.mark.parametrize("is_restarted", [False, True])
 @in_virtual_time
-async def test_lost_board_is_told_and_connected_again_and_keeps_its_yaw_unless_it_was_restarted(
-    *, is_restarted: bool
-) -> None:
+async def test_lost_board_reconnects_and_keeps_its_yaw_unless_restarted(*, is_restarted: bool) -> None:
     board = SimulatedMetaMotion()
     async with worn(METAMOTION, board) as session:
         await session.until(lambda: len(session.of(Reading)) > 10)
@@ -267,7 +265,7 @@ async def test_wrist_is_chosen_among_several(wanted: Callable[[Sequence[BumbleWr
 
 
 @in_virtual_time
-async def test_of_two_boards_of_one_name_the_first_is_used_for_good_and_the_other_named() -> None:
+async def test_first_of_two_boards_of_one_name_is_used() -> None:
     async with worn(METAMOTION, SimulatedMetaMotion(), SimulatedMetaMotion()) as session:
         await session.until(lambda: bool(session.of(Reading)))
         (used,) = [each for each in session.wrists if each.is_connected]

@@ -105,7 +105,7 @@ def server(version: tuple[int, int] = (3, 1), multicast: str = "") -> Server:
 
 
 @pytest.mark.parametrize("version", [(3, 1), (4, 1)])
-async def test_bodies_become_objects_and_a_person_with_a_moving_arm_gets_a_pose(
+async def test_bodies_become_objects_and_a_moving_arm_gives_a_pose(
     version: tuple[int, int],
 ) -> None:
     async with serving(server(version)) as port, running(port) as (watcher, bus), moving_wrist(bus):

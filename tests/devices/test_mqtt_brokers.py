@@ -72,7 +72,7 @@ async def problem(**parameters: Any) -> str:
         return describe_error(error, has_user=bool(config.username))
 
 
-async def test_a_broker_with_its_own_authority_is_connected_to_by_ca_file_or_the_variable(
+async def test_broker_with_its_own_authority_is_connected_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with encrypting(tmp_path) as (port, authority):
@@ -96,7 +96,7 @@ async def test_the_certificate_of_the_server_alone_is_trusted_as_ca_file(tmp_pat
         assert await problem(broker=f"mqtts://localhost:{port}", ca_file=str(tmp_path / "server.pem")) == ""
 
 
-async def test_strict_checks_of_python_3_13_do_not_refuse_an_authority_of_ones_own(
+async def test_own_authority_passes_the_strict_checks_of_python_3_13(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make = ssl.create_default_context
@@ -134,7 +134,7 @@ async def test_a_certificate_for_another_purpose_is_not_told_to_lack_an_authorit
     assert text.endswith("issue another one there")
 
 
-async def test_a_broker_that_takes_tls_1_3_only_and_is_named_by_its_address_is_connected_to(
+async def test_broker_with_tls_1_3_only_is_connected_to_by_address(
     tmp_path: Path,
 ) -> None:
     with encrypting(tmp_path, "127.0.0.1", more="tls_version tlsv1.3\n") as (port, authority):
@@ -150,7 +150,7 @@ async def test_encryption_and_its_absence_are_told_when_they_do_not_match(tmp_pa
     assert f"localhost:{port} does not encrypt at this port: leave `tls` out (mqtt://" in secured
 
 
-async def test_a_broker_that_waits_for_more_of_a_handshake_is_told_not_to_encrypt(
+async def test_unencrypted_broker_that_waits_is_named_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(broker_errors, "CONNECT_TIMEOUT_S", 0.5)
@@ -199,7 +199,7 @@ async def test_a_search_names_a_broker_that_encrypts(tmp_path: Path) -> None:
     )
 
 
-async def test_one_cause_is_one_line_of_the_log_however_often_it_is_met(
+async def test_repeated_cause_is_one_line_of_the_log(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(mqtt_things, "RETRY_S", 0.01)

@@ -95,7 +95,7 @@ async def test_beside_a_site_that_runs_nothing_is_on_again(port: int) -> None:
         assert (switched(heard, bench), list(events)) == (["OFF"], [])
 
 
-async def test_what_the_selector_has_restored_is_not_told_as_the_state_of_a_target(port: int) -> None:
+async def test_restored_selection_is_not_reported_as_a_targets_state(port: int) -> None:
     async with after_a_run(port) as heard, selecting() as bench:
         await switch(bench)
         states = bench.collect(THING_STATES)
@@ -106,7 +106,7 @@ async def test_what_the_selector_has_restored_is_not_told_as_the_state_of_a_targ
         assert switched(heard, bench) == ["ON"]
 
 
-async def test_a_switch_that_another_target_keeps_off_is_named_and_shown_as_off(
+async def test_switch_kept_off_by_another_target_is_shown_as_off(
     port: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(mqtt_things, "RESTORE_TIMEOUT_S", 0.1)
@@ -133,7 +133,7 @@ async def test_a_command_of_home_assistant_has_precedence_over_what_was_on(port:
         assert switched(heard, bench) == ["OFF"]
 
 
-async def test_what_is_pointed_at_without_a_broker_is_refused_with_the_reason_and_never_told_later(
+async def test_act_without_a_broker_is_refused_and_never_sent_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mqtt_things, "RETRY_S", 0.1)

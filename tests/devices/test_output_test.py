@@ -51,7 +51,7 @@ def pixels_of(bound: socket.socket) -> list[bytes]:
 
 
 @pytest.mark.parametrize("pixels", [1, 2, 7, 150, 4096])
-def test_each_strip_shows_its_ends_a_pixel_that_runs_between_and_three_colors(pixels: int) -> None:
+def test_each_strip_shows_ends_a_running_pixel_and_three_colors(pixels: int) -> None:
     line = ((1.0, 2.0, 0.5), (1.0, 3.0, 0.5), (4.0, 3.0, 0.5))
     ends, run, *colors = steps_of(Strip(id="a", line_m=line, pixels=pixels, direction=-1))
     assert ends.text.endswith("at (4, 3, 0.5) m in the map; last red, at (1, 2, 0.5) m")

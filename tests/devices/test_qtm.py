@@ -45,7 +45,7 @@ def server(**parameters: object) -> QtmServer:
     return QtmServer(NAMES, time.time_ns, bodies, **parameters)  # pyrefly: ignore[bad-argument-type]
 
 
-async def test_bodies_become_objects_and_a_person_with_a_moving_arm_gets_a_pose() -> None:
+async def test_bodies_become_objects_and_a_moving_arm_gives_a_pose() -> None:
     async with serving(server()) as port, running(port, system="qtm") as (watcher, bus), moving_wrist(bus):
         await check_cup_and_pose(watcher)
         assert not watcher.sees("plate"), "it is lost"

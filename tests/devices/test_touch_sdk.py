@@ -169,7 +169,7 @@ async def test_app_that_ends_disconnects_and_is_found_again_when_it_is_restarted
 
 
 @in_virtual_time
-async def test_watch_that_sleeps_is_named_with_the_remedy_and_has_a_new_yaw_origin_when_it_wakes() -> None:
+async def test_sleeping_watch_is_named_and_wakes_with_a_new_yaw() -> None:
     watch = SimulatedTouchSdkWatch()
     async with worn(TOUCH_SDK, watch, rate_hz=RATE_HZ) as session:
         await session.until(lambda: len(session.of(Reading)) > 10)
@@ -200,7 +200,7 @@ async def test_connection_that_cuts_messages_is_named_with_the_remedy(mtu: int) 
 
 
 @in_virtual_time
-async def test_pinch_is_a_press_and_crown_and_swipe_are_steps_also_in_messages_without_frames() -> None:
+async def test_pinch_is_a_press_and_crown_and_swipe_are_steps() -> None:
     async with worn(TOUCH_SDK, SimulatedTouchSdkWatch(), rate_hz=RATE_HZ) as session:
         await session.until(lambda: bool(session.of(Reading)))
         await send(session, PINCH, PINCH + PINCH, bytes.fromhex("12020802"), bytes.fromhex("1202080b"))
@@ -235,7 +235,7 @@ async def test_touches_that_are_no_swipe_are_no_step(touches: Sequence[bytes]) -
 
 
 @in_virtual_time
-async def test_crown_steps_the_other_way_with_the_other_sign_and_at_most_five_at_once() -> None:
+async def test_crown_steps_by_its_sign_and_at_most_five_at_once() -> None:
     parameters = {"crown_sign": -1}
     async with worn(TOUCH_SDK, SimulatedTouchSdkWatch(), rate_hz=RATE_HZ, parameters=parameters) as session:
         await session.until(lambda: bool(session.of(Reading)))
@@ -268,7 +268,7 @@ async def test_all_frames_of_a_message_are_delivered_with_their_times() -> None:
 
 @pytest.mark.parametrize("hand", ["right", "left"])
 @in_virtual_time
-async def test_watch_on_the_right_wrist_is_turned_so_that_x_is_towards_the_fingers_on_both(hand: str) -> None:
+async def test_watch_on_either_wrist_has_x_towards_the_fingers(hand: str) -> None:
     async with worn(TOUCH_SDK, SimulatedTouchSdkWatch(), rate_hz=RATE_HZ) as session:
         await session.until(lambda: bool(session.of(Battery)))
         watch_of(session).describe("right" if hand == "right" else "left", 74)
@@ -344,7 +344,7 @@ async def test_watch_without_orientation_is_named_with_the_remedy() -> None:
 
 
 @in_virtual_time
-async def test_search_lists_a_watch_by_its_id_by_which_it_is_found_though_its_address_changes() -> None:
+async def test_search_lists_a_watch_by_an_id_that_survives_new_addresses() -> None:
     async with air() as around:
         wrist = await around.wrist(SimulatedTouchSdkWatch())
         await wrist.appear()

@@ -28,7 +28,7 @@ async def test_a_datagram_is_a_reading_with_the_time_of_the_device() -> None:
 @pytest.mark.parametrize(
     ("data", "problem"), [(SENT[:-1], "has 19 bytes, 20 were expected"), (bytes(20), "norm")]
 )
-async def test_what_is_no_reading_is_named_in_health(data: bytes, problem: str) -> None:
+async def test_unreadable_datagram_is_named_in_health(data: bytes, problem: str) -> None:
     async with running(MY_WRIST) as wrist, phone_at(wrist.port) as phone:
 
         def is_named() -> bool:

@@ -125,7 +125,7 @@ EVIL = "anna"
 VICTIM = "user1"
 
 
-async def test_who_writes_as_another_is_refused_and_named(either_site: Site, account: Account) -> None:
+async def test_writer_under_another_name_is_refused_and_named(either_site: Site, account: Account) -> None:
     alien = {key for key in keys_of(VICTIM) if "thing/color" not in key}
     keys = sorted(
         {*alien, SELECTION.at(), HEALTH.at("pui"), HEALTH.at(ROUTER), "surprise", "users/*/pose", "**"}
@@ -186,7 +186,7 @@ async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Si
         attacked.row(account, "another's history, written, answered for, read (`@adv`)", noticed_s, BY)
 
 
-async def test_who_answers_or_is_present_as_another_is_named(either_site: Site, account: Account) -> None:
+async def test_answers_and_presence_under_another_name_are_named(either_site: Site, account: Account) -> None:
     requests = [SET_BRIGHTNESS.at(), SET_METHOD.at(), SET_POSE.at(VICTIM)]
     names = [
         USER_ALIVE.at(VICTIM),
@@ -208,7 +208,7 @@ async def test_who_answers_or_is_present_as_another_is_named(either_site: Site, 
         attacked.row(account, "requests answered and presence told in another's name", noticed_s, BY)
 
 
-async def test_who_reads_how_others_move_is_refused_and_named(either_site: Site, account: Account) -> None:
+async def test_reader_of_others_movements_is_refused_and_named(either_site: Site, account: Account) -> None:
     private = [topic.at(name) for topic in (IMU, WRIST, RAY) for name in (VICTIM, ANY)]
     async with besieged(either_site) as attacked:
         for name in (EVIL, "dashboard1"):

@@ -58,7 +58,7 @@ def test_compiler_is_looked_for_by_the_python_of_the_environment(machine: Machin
     assert done.stdout.strip() == "" == done.stderr
 
 
-def test_python_that_is_missing_is_installed_by_the_tool_beside_the_checkout_or_absent(
+def test_missing_python_is_installed_by_the_tool_or_reported(
     machine: Machine,
 ) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")

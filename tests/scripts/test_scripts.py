@@ -64,7 +64,7 @@ def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: t
     assert machine.calls[-1] == " ".join(("pointit run", *arguments))
 
 
-def test_tests_need_more_than_the_demo_and_those_that_are_named_need_all(machine: Machine) -> None:
+def test_tests_need_more_than_the_demo_and_named_ones_need_all(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.run("demo")
     install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}"
@@ -122,7 +122,7 @@ def test_pip_fetches_uv_once_which_installs_the_rest(machine: Machine) -> None:
     assert machine.calls == [f"{uv} -e {machine.root}[plot]"]
 
 
-def test_a_configuration_of_pip_with_user_true_does_not_keep_it_out_of_the_venv(machine: Machine) -> None:
+def test_pip_with_user_true_still_installs_into_the_venv(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", CONFIG_USER="true")
     assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")

@@ -112,7 +112,7 @@ async def test_a_run_that_is_stopped_or_killed(commands: Commands, endpoint: str
     await finds_it_killed(plant, endpoint)
 
 
-async def test_a_run_in_processes_that_starts_and_then_it_or_one_of_them_is_stopped_or_killed(
+async def test_doctor_names_processes_that_start_stop_or_are_killed(
     commands: Commands, endpoint: str
 ) -> None:
     """One run for all: its processes take ten seconds of CPU to start."""

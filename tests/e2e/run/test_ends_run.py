@@ -176,7 +176,7 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("--site", "a/b"), ["site 'a/b'"]),
     ],
 )
-async def test_what_is_typed_or_written_wrong_is_named(
+async def test_mistakes_in_options_and_files_are_named(
     commands: Commands, endpoint: str, tmp_path: Path, arguments: tuple[str, ...], parts: list[str]
 ) -> None:
     (tmp_path / "section.yaml").write_text("puj: {}\n")

@@ -137,9 +137,7 @@ async def test_an_open_page_comes_back_after_a_new_start(commands: Commands, end
         assert (await command.stop()).code == 0
 
 
-async def test_a_dashboard_beside_a_run_with_a_page_and_one_that_only_looks_on(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_second_dashboard_and_a_view_only_one_join_a_run(commands: Commands, endpoint: str) -> None:
     commands.start(
         "run", "scenario_2", "--no-view", "--duration", "600", "--web-port", "0", "--listen", endpoint
     )

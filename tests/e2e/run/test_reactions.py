@@ -49,7 +49,7 @@ class Door:
         writer.close()
 
 
-async def test_who_points_learns_what_came_of_programs_and_webhooks(
+async def test_person_learns_the_results_of_programs_and_webhooks(
     commands: Commands, endpoint: str, tmp_path: Path
 ) -> None:
     script, told, summary = (tmp_path / name for name in ("fork.sh", "told", "s.json"))
@@ -113,7 +113,7 @@ async def test_who_points_learns_what_came_of_programs_and_webhooks(
     ]
 
 
-async def test_listen_names_a_thing_that_the_map_lacks_before_a_program_that_is_missing(
+async def test_listen_names_a_missing_thing_before_a_missing_program(
     commands: Commands, endpoint: str, tmp_path: Path
 ) -> None:
     scenario = tmp_path / "own.yaml"

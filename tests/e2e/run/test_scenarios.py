@@ -194,7 +194,7 @@ async def missed(commands: Commands, endpoint: str) -> dict[str, str]:
     return {finding["service"]: finding["remedy"] for finding in absent}
 
 
-async def test_who_vanished_is_missed_by_who_looks_later(commands: Commands, endpoint: str) -> None:
+async def test_late_observer_misses_a_vanished_service(commands: Commands, endpoint: str) -> None:
     commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
     join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
     async with onlooker(endpoint) as seen:

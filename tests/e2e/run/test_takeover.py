@@ -176,7 +176,7 @@ async def test_a_persons_process_computes_the_cursor_until_it_ends(commands: Com
 
 
 @pytest.mark.long
-async def test_when_only_shards_fail_the_site_serves_the_person(commands: Commands, endpoint: str) -> None:
+async def test_site_serves_people_of_failed_shards(commands: Commands, endpoint: str) -> None:
     async with site_seen(commands, endpoint, "scenario_3") as seen:
         commands.start("person", "add", "anna", "--here", "--processes", "--no-view", "--connect", endpoint)
         await is_served_by(seen, "pui.anna", "selector.anna")

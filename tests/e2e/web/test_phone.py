@@ -167,7 +167,7 @@ async def test_a_page_that_lets_nobody_in_looks_like_the_others(
     await check_look(page, path)
 
 
-async def test_it_fits_every_phone_without_scrolling_once_it_runs_and_nothing_bars_the_way_of_anybody(
+async def test_page_fits_every_phone_without_scrolling_once_it_runs(
     browser: Browser, shared_site: SitePage
 ) -> None:
     phone = await PhonePage.open(browser, await address(shared_site))

@@ -36,7 +36,7 @@ def shows_pattern(light: Wled) -> bool:
     )
 
 
-async def test_a_light_and_a_wrist_are_connected_and_come_back_in_the_next_run(
+async def test_connected_light_and_wrist_come_back_in_the_next_run(
     browser: Browser, commands: Commands, tmp_path: Path
 ) -> None:
     page_is_built()

@@ -232,7 +232,7 @@ async def test_the_scene_stands_in_the_room_where_three_things_were_touched(head
     assert (await page.evaluate(LENS), await canvas(headset)) == before
 
 
-async def test_hands_align_and_the_next_visit_uses_it_after_the_graphics_were_lost(headset: Window) -> None:
+async def test_alignment_by_hands_is_used_by_the_next_visit(headset: Window) -> None:
     page = headset.page
     await page.evaluate(REFUSE)
     await page.get_by_role("button", name="In your room").click()

@@ -55,7 +55,7 @@ async def connect(wrist: Running, phone: Phone, *, board: int = BOARD, last: int
 
 
 @pytest.mark.parametrize(("board", "expected_s"), [(OWOTRACK, [0.15, 0.05]), (BOARD, [])])
-async def test_phone_vibrates_in_the_pattern_of_a_cue_and_a_board_is_left_alone(
+async def test_phone_vibrates_in_the_pattern_of_a_cue_and_boards_do_not(
     board: int, expected_s: list[float]
 ) -> None:
     cue = Feedback(stamp_ns=1, seq=1, cue="selected", haptic_ms=(150, 20, 50))
@@ -102,9 +102,7 @@ async def test_battery_is_told_when_it_changes_and_again_after_a_reconnection() 
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"], ids=["behind one router", "beside it"])
-async def test_of_two_phones_without_a_mac_the_first_is_used_and_the_other_named(
-    host: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_first_of_two_phones_without_a_mac_is_used(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A router that translates addresses leaves them the port alone."""
     monkeypatch.setattr(slimevr, "SILENT_S", 0.0)
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as first, phone_at(wrist.port, host) as second:
@@ -177,7 +175,7 @@ async def test_sensor_that_the_tracker_lacks_is_named() -> None:
         await until(told)
 
 
-async def test_fault_of_the_sensor_is_named_until_the_tracker_says_that_it_works() -> None:
+async def test_fault_of_the_sensor_is_named_until_the_tracker_works_again() -> None:
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await connect(wrist, phone)
         phone.say(struct.pack(">IQBB", 14, 1001, 0, 5))

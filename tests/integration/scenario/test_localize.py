@@ -37,7 +37,7 @@ def first(outcome: Outcome) -> Found:
 
 
 @pytest.mark.parametrize("seed", range(1, 6))
-def test_a_person_of_unknown_place_is_found_and_leads_the_cursor_over_the_strips(seed: int) -> None:
+def test_person_at_an_unknown_place_is_located_and_leads_the_cursor(seed: int) -> None:
     outcome = localized(seed)
     holds = {news.target_index for news in outcome.progress if news.purpose == "pose"}
     assert holds == {0, 1, 2}
@@ -133,7 +133,7 @@ def test_so_it_is_for_most_people(kind: tuple[str, ...], most_deg: float) -> Non
 
 
 @pytest.mark.slow
-def test_who_notices_that_the_cursor_is_off_sets_it_right_by_themselves() -> None:
+def test_person_who_notices_a_wrong_cursor_corrects_it() -> None:
     """The realistic person of `--localize`, who counts no minutes."""
     outcome = three_minutes(1, *STEADY, "user-sim.anchor_when_off_deg=10")
     assert 2 <= len(outcome.anchors) <= 12

@@ -26,7 +26,7 @@ def fences_crossed(flights: Flights) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "duration_s"), SOME)
-def test_people_land_a_quadrotor_where_they_mean_to_and_no_fence_is_crossed(
+def test_people_land_a_quadrotor_at_their_place_without_crossing_a_fence(
     seeds: Iterable[int], duration_s: float
 ) -> None:
     off_m: list[float] = []

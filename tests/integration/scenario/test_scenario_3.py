@@ -46,7 +46,7 @@ def test_with_a_real_wristband_too() -> None:
 
 
 @pytest.mark.slow
-def test_who_sees_no_light_finds_no_cursor_and_presses_in_vain() -> None:
+def test_person_without_light_finds_no_cursor_and_presses_in_vain() -> None:
     """Frames are the only feedback: with the strips dark nobody corrects anything."""
     dark = "led-driver.brightness=0"
     outcome = play("scenario_3", Choices(seed=1, settings=(dark,)), 40.0)

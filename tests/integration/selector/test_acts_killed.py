@@ -107,7 +107,7 @@ async def shop(endpoint: str, tmp_path: Path) -> AsyncIterator[Shop]:
 
 
 @pytest.mark.parametrize("is_early", [True, False])
-async def test_the_result_of_an_act_is_told_by_the_next_selector_and_it_is_carried_out_once(
+async def test_act_is_carried_out_once_and_the_next_selector_reports_its_result(
     shop: Shop, *, is_early: bool
 ) -> None:
     await shop.start_carrier()
@@ -128,7 +128,7 @@ async def test_the_result_of_an_act_is_told_by_the_next_selector_and_it_is_carri
     assert (shop.folder / "told").read_text() == "on\n"
 
 
-async def test_an_act_whose_carrier_was_killed_with_the_selector_has_no_answer_and_goes_back(
+async def test_act_goes_back_when_carrier_and_selector_were_killed(
     shop: Shop,
 ) -> None:
     carrier = await shop.start_carrier()
@@ -144,7 +144,7 @@ async def test_an_act_whose_carrier_was_killed_with_the_selector_has_no_answer_a
     await shop.hear(("failed", "no_answer"))
 
 
-async def test_a_killed_carrier_ends_its_act_at_once_and_a_new_one_carries_out_the_next(shop: Shop) -> None:
+async def test_killed_carrier_ends_its_act_and_a_new_one_carries_the_next(shop: Shop) -> None:
     carrier = await shop.start_carrier()
     await shop.start_selector()
     await shop.switch()

@@ -43,7 +43,7 @@ async def test_a_router_that_dies_between_claim_and_decision_loses_no_event(
     assert have_claimed, "no round had claims of both"
 
 
-async def test_while_the_selector_is_gone_shards_hover_and_say_so_and_nothing_is_lost_when_it_is_back(
+async def test_shards_hover_and_lose_nothing_while_the_selector_is_gone(
     hall: Hall,
 ) -> None:
     hall.point()

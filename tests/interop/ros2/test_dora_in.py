@@ -200,7 +200,7 @@ async def test_services_are_left_to_a_peer_that_serves_them(place: Site, look: O
     await dora.sees("/SS/", "/pointit/%set_brightness/", gone=True)
 
 
-async def test_who_comes_late_gets_what_is_latched_both_ways(place: Site, look: Onlooker) -> None:
+async def test_late_joiner_gets_latched_messages_both_ways(place: Site, look: Onlooker) -> None:
     dora = place.dora
     for number in (1, 2):  # the first and a later reader
         topic = "/pointit/map_markers" if number == 1 else "/tf_static"

@@ -81,7 +81,7 @@ async def test_a_rotation_comes_in_from_them(pair: Pair) -> None:
     assert (got.quaternion.x, got.quaternion.y, got.quaternion.z, got.quaternion.w) == (0.5, -0.5, 0.5, 0.5)
 
 
-async def test_who_joins_late_gets_what_is_latched_once_either_way(pair: Pair) -> None:
+async def test_late_joiner_gets_latched_messages_once_either_way(pair: Pair) -> None:
     await pair.ours.do("advertise", topic="/out", type=BOOL, depth=1, latched=True)
     await pair.theirs.do("advertise", topic="/in", type=BOOL, depth=1, latched=True)
     await pair.ours.do("say", topic="/out", cdrs=[cdr(BOOL, data=False), cdr(BOOL, data=True)])
@@ -99,7 +99,7 @@ async def test_who_joins_late_gets_what_is_latched_once_either_way(pair: Pair) -
     assert [value(BOOL, each).data for each in heard] == [True, False]
 
 
-async def test_what_we_publish_never_comes_back_and_the_same_from_them_does(pair: Pair) -> None:
+async def test_own_messages_never_come_back_and_equal_ones_of_others_do(pair: Pair) -> None:
     await pair.ours.do("listen", topic="/both", type=BOOL, depth=200)
     await pair.ours.do("advertise", topic="/both", type=BOOL, depth=200)
     await pair.theirs.do("listen", topic="/both", type=BOOL, depth=200)
@@ -179,7 +179,7 @@ async def test_each_sees_what_the_other_has(pair: Pair) -> None:
     )
 
 
-async def test_what_dds_does_not_match_and_what_this_ros_lacks_is_said(pair: Pair) -> None:
+async def test_unmatched_qos_and_missing_types_are_reported(pair: Pair) -> None:
     await pair.ours.do("listen", topic="/told", type=BOOL, depth=1, latched=True)
     await pair.theirs.do("advertise", topic="/told", type=BOOL)
     sentence = "node /robot on /told does not match ours"

@@ -118,7 +118,7 @@ async def our_items(kind: type[Any], parameters: dict[str, object], sent: Sequen
         return [item for _, item in session.items if isinstance(item, kind | Press | StepGesture)]
 
 
-async def test_the_makers_client_accepts_the_watch_and_our_source_agrees_sample_by_sample(
+async def test_makers_client_and_our_source_agree_sample_by_sample(
     touch_sdk_python: Path,
 ) -> None:
     watch = SimulatedTouchSdkWatch("pending", hand="left")
@@ -197,7 +197,7 @@ def text_of(content: object) -> str:
 
 
 @pytest.mark.timeout(600)
-def test_messages_of_the_makers_classes_are_decoded_alike_and_damaged_ones_raise_value_error_at_most(
+def test_makers_messages_are_decoded_alike_and_damaged_ones_raise_value_error(
     touch_sdk_python: Path,
 ) -> None:
     messages = lines(touch_sdk_python, "1", f"{VALID}", f"{DAMAGED}")

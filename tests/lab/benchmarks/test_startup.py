@@ -5,7 +5,7 @@ import pytest
 from pointit_lab.benchmarks import startup
 
 
-def test_a_start_is_the_median_of_runs_after_one_that_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_is_the_median_of_runs_after_an_uncounted_one(monkeypatch: pytest.MonkeyPatch) -> None:
     lights_s = iter([9.0, 0.5, 0.7, 0.6])
 
     def run(_scenario: str) -> dict[str, float]:

@@ -44,7 +44,7 @@ def write_entry(recordings: Path, key: str, value: str) -> Path:
         ("file", "[1]", "'file': a text was expected, got [1]"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(tmp_path: Path, key: str, value: str, said: str) -> None:
+def test_impossible_folder_is_one_sentence(tmp_path: Path, key: str, value: str, said: str) -> None:
     path = write_entry(tmp_path, key, value)
     with pytest.raises(ConfigError) as caught:
         read_trials(tmp_path)
@@ -59,7 +59,7 @@ def test_what_cannot_be_is_one_sentence(tmp_path: Path, key: str, value: str, sa
 @pytest.mark.parametrize(
     ("name", "write"), [("motion_relloc/lost.csv", write_motion), ("proximity_waypoints/track_9.csv", None)]
 )
-def test_what_is_no_file_is_refused(
+def test_path_without_a_file_is_refused(
     tmp_path: Path, make: Callable[[Path], None], name: str, write: Callable[..., Path] | None
 ) -> None:
     (write or write_track)(tmp_path, Stand())
@@ -79,7 +79,7 @@ def test_a_file_is_listed_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "raw", [b"", b"\xff\xfe", b"[" * 100_000, b'{"files": null}', b"[1]", b"{", b'[{"a": "\\ud800"}]']
 )
-def test_what_is_no_index_is_one_sentence(tmp_path: Path, raw: bytes) -> None:
+def test_damaged_index_is_refused_in_one_sentence(tmp_path: Path, raw: bytes) -> None:
     (tmp_path / "index.json").write_bytes(raw)
     with pytest.raises(ConfigError) as caught:
         read_index(tmp_path)
@@ -139,7 +139,7 @@ def test_damage_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> Non
     assert len(str(caught.value)) < 500
 
 
-def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
+def test_file_without_a_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         read_table(tmp_path / "none.csv", numbers=["x"])
     with pytest.raises(ConfigError, match="this is a folder"):

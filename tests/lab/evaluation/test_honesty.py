@@ -67,7 +67,7 @@ def room() -> LocalizationTrial:
 @pytest.mark.parametrize(
     ("to_right_m", "hand"), [(injections.BESIDE_M, "right"), (-injections.BESIDE_M, "left")]
 )
-def test_who_knows_of_the_shoulder_finds_the_rays_again(
+def test_known_shoulder_gives_the_rays_again(
     following: LocalizationTrial, to_right_m: float, hand: Literal["left", "right"]
 ) -> None:
     """The service `pointing`, told the measure, undoes what is injected."""
@@ -289,7 +289,7 @@ def test_other_processes_find_the_same(follower: FollowRecording, room: Localiza
     assert alone == together
 
 
-def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed(
+def test_table_has_a_row_for_each_condition_and_names_misses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delenv("POINTIT_DATA", raising=False)

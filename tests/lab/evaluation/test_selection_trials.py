@@ -101,7 +101,7 @@ def event(event: str, object_id: str, at_s: float, kind: str = "red", bay: str =
     )  # fmt: skip
 
 
-def test_a_run_is_over_when_all_that_should_be_is_selected_and_nothing_else() -> None:
+def test_run_is_over_when_exactly_the_wanted_things_are_selected() -> None:
     watch = TrialRecorder(STATIC, stage_of(STATIC, (0, 0, 0)))
     watch.take([event("selected", "1", 1.0), event("selected", "9", 2.0, kind="blue")], {})
     watch.take([event("selected", "2", 3.0)], {})

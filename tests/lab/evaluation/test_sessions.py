@@ -143,7 +143,7 @@ def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path
     assert rows[0]["pitch_deg"]["median"] == pytest.approx(4.0)
 
 
-def test_a_person_who_follows_a_robot_is_scored_by_windows_from_the_arm_alone(tmp_path: Path) -> None:
+def test_follower_of_a_robot_is_scored_by_windows_of_the_arm(tmp_path: Path) -> None:
     stand = Stand(x=-1.5, y=-1.0, yaw_deg=35.0)
     motion = write_motion(tmp_path, stand, duration_s=12.0)
     path = str(write(tmp_path / "s.mcap", csv_entries(motion, user="anna", mounting="minus_x")))
@@ -169,7 +169,7 @@ def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("kind", "error_deg"), [("person_frame", 15.0), ("person", 0.0)])
-def test_the_yaw_of_a_person_frame_is_the_truth_and_the_direction_that_a_person_faces_is_not(
+def test_yaw_of_a_person_frame_is_the_truth_unlike_their_facing(
     tmp_path: Path, kind: str, error_deg: float
 ) -> None:
     stand = Stand(x=0.3, y=0.2)
@@ -186,7 +186,7 @@ def test_the_yaw_of_a_person_frame_is_the_truth_and_the_direction_that_a_person_
     assert row["yaw_deg"]["median"] == pytest.approx(error_deg, abs=0.5)
 
 
-def test_what_is_missing_is_told_in_one_sentence(tmp_path: Path) -> None:
+def test_missing_streams_are_reported_in_one_sentence(tmp_path: Path) -> None:
     nobody = session(tmp_path / "nobody.mcap", pointing_at_lamps("anna", Stand()))
     with pytest.raises(
         ConfigError, match=r"nobody\.mcap: it has no true position of any person; let a tracker"
@@ -301,7 +301,7 @@ def test_the_wrong_mounting_is_noticed(tmp_path: Path) -> None:
         assert abs(math.remainder(off_deg, 360.0)) > 45.0
 
 
-def test_who_does_not_point_gets_no_pose(tmp_path: Path) -> None:
+def test_person_who_does_not_point_gets_no_pose(tmp_path: Path) -> None:
     source = data_file("recordings/motion_relloc/idle_4.csv")
     path = tmp_path / "imported.mcap"
     write_recording(csv_entries(source, user="anna", mounting="minus_x"), path, "imported")

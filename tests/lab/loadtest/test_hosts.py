@@ -143,7 +143,7 @@ async def test_a_counter_that_ends_while_it_counts_is_an_error() -> None:
         await counters.count(0.1)
 
 
-async def test_counters_are_ready_before_they_count_and_say_for_how_long_they_did() -> None:
+async def test_counters_are_ready_before_they_count_and_report_their_duration() -> None:
     links = Links(tree(2, 2, 2), "tcp")
     told = '{"lasted_s": 0.2, "counts": {"Cursor": [3, 0]}}'
     links.program = ("sh", "-c", f"echo; read line; test $line = 0.1 && echo '{told}'")
@@ -151,7 +151,7 @@ async def test_counters_are_ready_before_they_count_and_say_for_how_long_they_di
     assert counted == {1: Contents(lasted_s=0.2, counts={"Cursor": [3, 0]})}
 
 
-def test_what_leaves_and_enters_while_counting_is_told_apart() -> None:
+def test_traffic_in_and_out_is_counted_apart() -> None:
     cursor = str(encoding_of(Cursor)).encode()
 
     class Wire:
@@ -193,7 +193,7 @@ async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
     assert [sample.seq for sample in sent[0].samples] == list(range(1, len(sent[0].samples) + 1))
 
 
-async def test_what_is_late_is_left_out_and_not_put_in_a_burst() -> None:
+async def test_late_samples_are_left_out_instead_of_sent_in_a_burst() -> None:
     sent = Sent(stall_s=0.5)
     await drive_wrists([LoadTestWrist(sent)], 100.0, 1.0)
     assert len(sent.samples) <= 52

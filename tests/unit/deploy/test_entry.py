@@ -75,7 +75,7 @@ def test_it_ends_while_it_waits(tmp_path: Path) -> None:
         assert runs(tmp_path) == []
 
 
-def test_what_ends_by_itself_is_begun_again_after_pauses_that_grow(tmp_path: Path) -> None:
+def test_process_that_ends_is_started_again_after_growing_pauses(tmp_path: Path) -> None:
     with started(tmp_path, "exit 3", "service", "run", "pui") as process:
         assert process.stdout is not None
         lines: list[str] = []
@@ -97,7 +97,7 @@ def test_it_passes_the_signal_on_and_takes_the_exit_code(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("arguments", [("doctor",), ("--help",), ("site", "show")])
-def test_what_ends_by_nature_is_run_once(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+def test_one_time_command_is_run_once(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     with started(tmp_path, "exit 4", *arguments, WAIT_FOR=str(tmp_path / "never")) as process:
         process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 4

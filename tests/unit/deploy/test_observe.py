@@ -35,7 +35,7 @@ def expressions() -> list[str]:
     ]
 
 
-def test_every_metric_that_is_asked_for_exists_and_every_one_but_the_version_is_shown() -> None:
+def test_queried_metrics_exist_and_all_but_the_version_are_shown() -> None:
     there = families()
     asked = {
         re.sub(r"_(total|bucket|count|sum)$", "", name)
@@ -104,7 +104,7 @@ WELL = {
 }
 
 
-def test_promtool_fires_each_alert_on_its_fault_and_none_when_all_is_well(tmp_path: Path) -> None:
+def test_promtool_fires_each_alert_on_its_fault_only(tmp_path: Path) -> None:
     assert set(ALERTS) == set(re.findall(r"alert: (\w+)", RULES.read_text(encoding="utf-8")))
 
     def case(series: dict[str, str], fires: str) -> dict[str, Any]:

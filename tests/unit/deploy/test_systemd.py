@@ -43,7 +43,7 @@ def test_a_command_is_one_that_pointit_takes(path: Path) -> None:
     parse(words)
 
 
-def test_the_target_starts_the_router_the_page_and_every_shared_service_of_the_scenario() -> None:
+def test_target_starts_the_router_the_page_and_every_shared_service() -> None:
     wanted = {name for line in settings(UNITS / "pointit.target")["Wants"] for name in line.split()}
     shared = {f"pointit-service@{name}.service" for name in read_scenario("scenario_4").site}
     assert wanted == {"pointit-router.service", "pointit-web.service", *shared}

@@ -153,7 +153,7 @@ def test_the_polynomials_by_hand() -> None:
     assert elevation == pytest.approx(0.01 + 0.02 * a + 0.03 * e + 0.04 * a * a + 0.05 * a * e + 0.06 * e * e)
 
 
-def test_without_a_pose_only_the_elevation_is_corrected_as_in_the_midst_of_the_anchors() -> None:
+def test_only_the_elevation_is_corrected_without_a_pose() -> None:
     offset = PointingOffset(
         rung="polynomial",
         elevation=(0.01, 0.5, 0.03, 0.5, 0.5, 0.0),

@@ -110,7 +110,7 @@ def test_only_the_device_time_proves_a_repeat() -> None:
     assert (freshness.repeated, freshness.stale, freshness.restarts) == (2, 0, 0)
 
 
-def test_a_repeat_with_a_newer_stamp_does_not_make_the_next_sample_old() -> None:
+def test_repeat_with_a_newer_stamp_leaves_the_next_sample_fresh() -> None:
     freshness = Freshness(0.2)
     assert freshness.classify(still(NOW_NS, 0), NOW_NS) == "fresh"
     assert freshness.classify(still(NOW_NS + 30, 0), NOW_NS + 30) == "repeated"
@@ -238,7 +238,7 @@ async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come(
         assert [round(ray.origin_m[2], 6) for ray in here.rays] == [1.81]
 
 
-async def test_without_a_supervisor_it_goes_on_with_common_measures_and_says_so_until_one_comes(
+async def test_pointing_uses_and_reports_common_measures_until_a_supervisor_comes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(service, "PROFILE_WAIT_S", 0.0)

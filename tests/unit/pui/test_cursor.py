@@ -222,7 +222,7 @@ def test_sweeping_past_and_a_resting_arm_are_not_told() -> None:
         assert someone.cue() is None
 
 
-def test_who_stops_pointing_begins_again() -> None:
+def test_cursor_begins_again_after_a_pause_of_pointing() -> None:
     someone = person()
     for stamp_ns in range(0, NS_PER_S, STEP_NS):
         someone.cursor(aimed(0.0, -20.0, stamp_ns))
@@ -252,7 +252,7 @@ def test_cues_come_again_when_the_clock_was_set_back() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_thing_across_the_half_turn_is_beside_the_ray_and_not_behind(side: float) -> None:
+def test_thing_across_the_half_turn_is_beside_the_ray(side: float) -> None:
     passing = Passing(Placed(vector.direction(math.radians(-179.0 * side), 0.0)))
     ray = vector.direction(math.radians(179.0 * side), 0.0)
     passing.miss((0.0, 0.0, 0.0), ray, 0)
@@ -315,7 +315,7 @@ def miss(someone: PersonCursor, from_s: float, to_s: float) -> str:
     return someone.passing.hint
 
 
-def test_hint_comes_after_a_minute_of_missing_everything_and_ends_with_a_hit() -> None:
+def test_hint_comes_after_a_minute_of_misses_and_ends_with_a_hit() -> None:
     someone = person()
     assert miss(someone, 0.0, 59.0) == ""
     assert miss(someone, 59.0, 61.0) == "you point 20° below strip s: raise your arm"

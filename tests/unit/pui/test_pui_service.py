@@ -58,7 +58,7 @@ spheres:
         ((0.0, 5.0, 1.6), {"surfaces": ("sphere",), "priority": {"other": 1}}, "other"),
     ],
 )
-async def test_what_is_configured_decides_what_is_met(
+async def test_configured_surfaces_decide_the_hits(
     tmp_path: Path, target: Vec3, config: dict[str, Any], met: str
 ) -> None:
     path = tmp_path / "things.yaml"
@@ -106,7 +106,7 @@ async def test_without_a_pose_there_is_no_cursor_and_health_says_why() -> None:
         await here.until_health(lambda warnings: warnings == ())
 
 
-async def test_health_hints_at_localizing_again_after_a_minute_without_a_hit_until_the_next_hit() -> None:
+async def test_health_advises_localizing_after_a_minute_without_a_hit() -> None:
     async with room() as here:
         await here.pose()
         for _ in range(620):
@@ -285,7 +285,7 @@ async def test_a_changed_map_is_used_at_once_and_keeps_the_tolerance(tmp_path: P
     ("text", "sentence"),
     [("strips: {s: {line: 7, pixels: 60}}", "strips.s.line"), ("lamps: {a: {position: [0, 0, 1]}}", "lamp")],
 )
-async def test_a_map_that_cannot_be_used_is_refused_and_the_old_one_stays(
+async def test_unusable_map_is_refused_and_the_old_one_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, sentence: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -330,7 +330,7 @@ def lists(listed: list[TrackedObjects], ids: list[str]) -> bool:
     return bool(listed) and [each.id for each in listed[-1].objects] == ids
 
 
-async def test_things_of_the_old_map_are_listed_no_more_and_those_of_the_new_one_are(tmp_path: Path) -> None:
+async def test_things_of_the_new_map_replace_those_of_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(STRIP.format(z=1))
     async with room(map=str(path)) as here:

@@ -65,7 +65,7 @@ def test_places_are_compared_at_one_time() -> None:
     assert len(room.finder.duplicates) == 1
 
 
-def test_things_that_pass_each_other_and_trackers_that_are_silent_are_no_twins() -> None:
+def test_passing_things_and_silent_trackers_are_no_twins() -> None:
     room = Room()
     where: Vec3 = (0.0, 0.0, 0.0)
     for step in range(40):

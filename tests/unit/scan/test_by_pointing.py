@@ -82,7 +82,7 @@ def test_a_ray_is_turned_into_the_room_by_the_pose() -> None:
     assert found.direction == pytest.approx((0.0, 1.0, 0.0))
 
 
-def test_a_box_is_found_by_three_corners_of_its_top_and_one_at_its_foot() -> None:
+def test_box_is_located_by_three_top_corners_and_one_below() -> None:
     yaw = math.radians(30)
     along = np.array([math.cos(yaw), math.sin(yaw)])
     across = np.array([-math.sin(yaw), math.cos(yaw)])
@@ -115,7 +115,7 @@ def test_corners_that_span_nothing_are_refused(corners: list[Vec3]) -> None:
             made(corners)
 
 
-async def test_a_session_asks_for_places_until_all_is_known_and_makes_a_map() -> None:
+async def test_session_asks_for_places_until_the_map_is_complete() -> None:
     async with memory_bench() as bench:
         told: list[str] = []
         place = -1

@@ -48,7 +48,7 @@ def distances(scan: Scan) -> dict[str, float]:
     return {name: float(off[2 * row : 2 * row + 2].max()) for row, name in enumerate(names)}
 
 
-def test_strips_are_found_to_about_a_centimetre_when_four_views_have_10_percent_wrong_numbers() -> None:
+def test_strips_are_located_within_a_centimetre_despite_wrong_numbers() -> None:
     scan = solve(specs(), LAMPS, photographs(4, wrong=0.1))
     assert max(distances(scan).values()) < 0.015
     assert all(strip.identified for strip in scan.strips.values())
@@ -78,7 +78,7 @@ def test_the_room_is_level_by_gravity_or_by_its_strips(scan: Scan) -> None:
         assert each.level_from == source
 
 
-def test_a_known_length_scales_everything_and_says_so_when_it_contradicts_the_pitch() -> None:
+def test_known_length_scales_everything_and_contradictions_are_reported() -> None:
     known = KnownLength(Mark("post", 0), Mark("post", 59), 59 * PITCH_M * 1.1)
     scan = solve(specs(), LAMPS, photographs(4), known_length=known)
     assert scan.scale_from == "length"
@@ -168,7 +168,7 @@ def test_a_known_length_that_cannot_be_is_an_error_that_names_it(known: KnownLen
         solve(specs(), LAMPS, photographs(3), known_length=known)
 
 
-def test_a_strip_that_is_swapped_with_one_of_another_pitch_is_not_identified() -> None:
+def test_strip_swapped_with_one_of_another_pitch_is_not_identified() -> None:
     strips = [replace(spec, pitch_m=1 / 30) if spec.name == "left" else spec for spec in specs()]
     rng = np.random.default_rng(4)
     count = {spec.name: spec.count for spec in strips}
@@ -190,7 +190,7 @@ def test_a_strip_that_is_swapped_with_one_of_another_pitch_is_not_identified() -
     assert any("'left'" in each for each in (*scan.problems, "'left'" if found and found.reason else ""))
 
 
-def test_a_strip_that_is_swapped_with_a_shorter_one_of_its_pitch_is_named() -> None:
+def test_strip_swapped_with_a_shorter_one_is_named() -> None:
     counts = {spec.name: spec.count for spec in specs()}
     shown = {"left": "post", "post": "left"}  # 90 and 60 pixels; those beyond the shorter strip do not shine
     marks = {name: marked_pixels(count) for name, count in counts.items()}
@@ -333,7 +333,7 @@ def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) 
 
 
 @pytest.mark.slow
-def test_what_is_left_out_of_the_map_is_told_by_the_exit_code(views: Path) -> None:
+def test_exit_code_tells_of_lights_left_out_of_the_map(views: Path) -> None:
     survey = read_survey(views)
     hidden = [
         replace(

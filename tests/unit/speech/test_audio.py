@@ -22,7 +22,7 @@ def test_a_file_that_cannot_be_read_is_named_once(tmp_path: Path) -> None:
         WavFile(path, ManualClock())
 
 
-def test_a_file_of_another_rate_is_refused_with_the_command_that_converts_it(tmp_path: Path) -> None:
+def test_file_of_another_rate_is_refused_with_the_converting_command(tmp_path: Path) -> None:
     path = tmp_path / "said.wav"
     with wave.open(str(path), "wb") as file:
         file.setparams((1, 2, 44_100, 0, "NONE", ""))
@@ -109,7 +109,7 @@ def test_second_chunk_of_another_format_and_a_second_file_are_refused(tmp_path: 
 @pytest.mark.parametrize(
     ("riff", "data"), [(0xFFFFFFFF, 0xFFFFFFFF), (36, 0), (0, 0), (0x7FFFFFFF, 0x7FFFF000)]
 )
-def test_sound_of_a_recorder_that_wrote_no_sizes_is_read_without_a_warning(
+def test_sound_without_stated_sizes_is_read_without_a_warning(
     tmp_path: Path, riff: int, data: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = write(tmp_path, chunk(b"fmt ", format_of(1)), chunk(b"data", SOUND, data), size=riff)

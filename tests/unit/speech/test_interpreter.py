@@ -28,7 +28,7 @@ from tests.unit.speech.spoken_room import HOSTILE, PLACE, ROVER, USER, Room, eit
 
 
 @in_virtual_time
-async def test_put_that_there_sends_the_robot_to_the_place_by_the_checked_request() -> None:
+async def test_put_that_there_sends_the_robot_by_the_checked_request() -> None:
     async with room() as here:
         here.found = {"that": sure("robot", "rover"), "there": sure("place", "floor")}
         here.say("put that there")
@@ -72,7 +72,7 @@ async def test_stop_is_of_what_was_said_before_it_too() -> None:
 
 
 @in_virtual_time
-async def test_all_words_are_looked_up_before_a_question_outlasts_the_memory_of_rays() -> None:
+async def test_all_mentions_are_looked_up_before_the_first_question() -> None:
     async with room() as here:
         here.found = {"that": either("rover", "cart", kind="robot"), "there": sure("place", "floor")}
         here.say("put that there")
@@ -112,7 +112,7 @@ ANSWERS: list[tuple[str, Referents | None, str, str]] = [
 
 @pytest.mark.parametrize(("text", "that", "result", "message"), ANSWERS)
 @in_virtual_time
-async def test_what_would_be_refused_is_refused_without_a_question_and_the_rest_is_asked_about(
+async def test_candidates_that_would_be_refused_are_not_asked_about(
     text: str, that: Referents | None, result: str, message: str
 ) -> None:
     async with room() as here:
@@ -124,7 +124,7 @@ async def test_what_would_be_refused_is_refused_without_a_question_and_the_rest_
 
 
 @in_virtual_time
-async def test_what_the_goal_service_refuses_is_said_and_not_done() -> None:
+async def test_refusal_of_the_goal_service_is_reported_and_nothing_done() -> None:
     async with room() as here:
         here.found = {"there": sure("place", "floor")}
         here.refusal = "you are not pointing"
@@ -148,7 +148,7 @@ async def test_what_the_goal_service_refuses_is_said_and_not_done() -> None:
     ],
 )
 @in_virtual_time
-async def test_a_name_that_nothing_has_is_named_and_no_other_thing_is_moved(text: str, name: str) -> None:
+async def test_unknown_name_is_reported_and_no_other_thing_is_moved(text: str, name: str) -> None:
     async with room() as here:
         here.found["there"] = sure("place", "floor")
         here.say(text)
@@ -168,7 +168,7 @@ async def test_words_that_are_no_object_do_not_keep_the_robot_from_going(text: s
 
 
 @in_virtual_time
-async def test_what_was_done_is_as_probable_as_what_was_said_makes_it() -> None:
+async def test_done_command_has_the_probability_of_its_words() -> None:
     async with room() as here:
         floor = Referent(kind="place", name="floor_2", probability=0.04, place_m=PLACE)
         near = Referent(kind="thing", name="radio", probability=0.955)
@@ -180,7 +180,7 @@ async def test_what_was_done_is_as_probable_as_what_was_said_makes_it() -> None:
 
 
 @in_virtual_time
-async def test_what_is_unclear_or_without_rays_is_refused_with_the_reason() -> None:
+async def test_unclear_command_is_refused_with_the_reason() -> None:
     async with room() as here:
         here.say("take that")
         assert (await here.result()).message == "no rays at that time"
@@ -196,7 +196,7 @@ async def test_what_is_unclear_or_without_rays_is_refused_with_the_reason() -> N
 
 @pytest.mark.parametrize("text", ["stop", "no stop", "stop right there"])
 @in_virtual_time
-async def test_stop_stops_at_once_whatever_is_being_asked_and_however_late_it_is(text: str) -> None:
+async def test_stop_is_followed_at_once_during_a_question_and_when_late(text: str) -> None:
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
         here.say("take that")
@@ -222,7 +222,7 @@ async def test_a_robot_that_refuses_to_stop_leaves_no_other_one_driving() -> Non
 
 
 @in_virtual_time
-async def test_a_thing_is_not_stopped_but_the_robots_are_and_the_longest_words_are_followed_on() -> None:
+async def test_stop_of_a_thing_stops_the_robots() -> None:
     async with room() as here:
         here.say("stop the radio")
         await here.result()
@@ -234,7 +234,7 @@ async def test_a_thing_is_not_stopped_but_the_robots_are_and_the_longest_words_a
 
 
 @in_virtual_time
-async def test_what_is_not_final_waits_and_a_flood_of_words_is_bounded() -> None:
+async def test_interim_words_wait_and_a_flood_of_words_is_bounded() -> None:
     async with room() as here:
         here.say("stop", is_final=False)
         await here.bench.settle()
@@ -281,7 +281,7 @@ class Conveyor:
 
 
 @in_virtual_time
-async def test_a_package_is_claimed_as_by_pointing_and_sent_to_the_bay_that_is_meant() -> None:
+async def test_package_is_claimed_as_by_pointing_and_sent_to_its_bay() -> None:
     async with room() as here:
         conveyor = Conveyor(here)
         here.found = {"that": sure("object", "red_7"), "there": sure("place", "p")}
@@ -307,7 +307,7 @@ async def test_a_package_is_claimed_as_by_pointing_and_sent_to_the_bay_that_is_m
 
 
 @in_virtual_time
-async def test_a_verb_is_of_its_things_alone_and_what_wants_a_press_is_not_fired_by_words() -> None:
+async def test_verb_of_things_is_refused_for_others_and_for_presses() -> None:
     async with room() as here:
         radio, kettle = (Referent(kind="thing", name=each, probability=0.48) for each in ("radio", "kettle"))
         here.found = {"that": Referents(candidates=(radio, kettle), none=0.04, rays=100)}
@@ -329,7 +329,7 @@ def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
         own_verbs([text])
 
 
-def test_a_program_that_is_missing_is_an_error_for_after_the_check_of_the_thing() -> None:
+def test_missing_program_is_reported_after_the_check_of_the_thing() -> None:
     verbs, problem = own_verbs(["heat kettle=true", "heat radio=no-such-program", "heat nuts="])
     assert verbs["heat"].things == {"kettle", "radio", "nuts"}
     assert str(problem).startswith("heat radio: no program no-such-program")
@@ -337,7 +337,7 @@ def test_a_program_that_is_missing_is_an_error_for_after_the_check_of_the_thing(
 
 
 @in_virtual_time
-async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_are() -> None:
+async def test_verb_of_a_missing_thing_is_refused_with_the_present_ones() -> None:
     async with room() as here:
         interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"])[0])
         with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
@@ -345,7 +345,7 @@ async def test_a_verb_of_a_thing_that_is_not_there_is_refused_with_those_that_ar
 
 
 @in_virtual_time
-async def test_robots_are_known_before_words_are_and_stop_reaches_those_that_say_nothing() -> None:
+async def test_robots_are_known_before_words_and_stop_reaches_silent_ones() -> None:
     async with room() as here:
         here.bench.bus.announce(SERVICE_ALIVE, "robot.silent")
         here.bench.bus.announce(SERVICE_ALIVE, "robot.late")
@@ -408,7 +408,9 @@ async def test_these_are_all_that_more_probably_were_swept_over_than_not(
 
 
 @in_virtual_time
-async def test_who_may_not_ask_is_not_told_to_start_a_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_user_without_the_right_is_not_told_to_start_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def deny(*_about: object) -> None:
         raise AccessDeniedError("anna may not ask that")
 

@@ -28,7 +28,7 @@ def heard(clock: ManualClock, from_s: float, to_s: float) -> Speech:
 
 
 @pytest.mark.wall_time
-async def test_a_message_and_the_short_question_are_said_and_words_meanwhile_are_its_echo(
+async def test_words_during_a_spoken_message_are_its_echo(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / PROGRAM
@@ -90,7 +90,7 @@ async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
     ("program", "fails"), [("echo", ""), ("false", "heat kettle: false anna ended with")]
 )
 @pytest.mark.wall_time
-async def test_a_verb_starts_its_program_whose_output_is_shown_and_says_if_that_fails(
+async def test_verb_starts_its_program_and_reports_output_and_failure(
     program: str, fails: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     async with memory_bench() as bench:

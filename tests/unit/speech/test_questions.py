@@ -85,7 +85,7 @@ async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
         *((after_s, text, 0.0) for after_s in (0.0, 0.25) for text in ("yes", "")),
     ],
 )
-async def test_what_means_something_else_or_began_before_the_light_could_be_seen_confirms_nothing(
+async def test_words_that_began_before_the_light_confirm_nothing(
     after_s: float, text: str, ago_s: float
 ) -> None:
     async with question(after_s) as here:
@@ -98,7 +98,7 @@ async def test_what_means_something_else_or_began_before_the_light_could_be_seen
 
 
 @in_virtual_time
-async def test_what_was_denied_is_not_confirmed_by_the_next_answer() -> None:
+async def test_denied_candidate_is_not_confirmed_by_the_next_answer() -> None:
     """The `no` of the first candidate is told when the second one blinks already."""
     async with question(3.1) as here:
         here.say("no", 1.0)

@@ -68,7 +68,7 @@ def test_williams_squares_balance_positions_and_sequences(conditions: int) -> No
     practice=st.integers(0, 3),
     seed=st.integers(0, 99),
 )
-def test_each_participant_has_each_cell_equally_often_and_orders_balance_in_each_group(
+def test_participants_have_each_cell_equally_often_and_orders_balance(
     *,
     blocks: int,
     inner: int,
@@ -327,7 +327,7 @@ def test_damaged_rows_are_refused_alike_by_check_run_and_report(
     assert all(sentence in text for text in found.values()), found
 
 
-def test_rows_without_a_record_of_the_person_are_not_continued_and_are_noted(
+def test_rows_without_a_record_are_noted_and_not_continued(
     ratios: tuple[Study, StudyFolder],
 ) -> None:
     study, folder = ratios

@@ -89,7 +89,7 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
 
 
 @pytest.mark.long
-def test_interrupted_participant_goes_on_with_the_same_bytes_where_a_person_differs_from_trial_to_trial(
+def test_interrupted_simulated_participant_goes_on_with_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The person tires, blocks restart the site, and answers and attempts to repeat are random, too."""
@@ -362,9 +362,7 @@ PNG = b"\x89PNG\r\n\x1a\nand so on"
         ),
     ],
 )
-def test_what_would_fail_later_is_refused_before_the_first_trial(
-    tmp_path: Path, text: str, sentence: str
-) -> None:
+def test_later_failures_are_refused_before_the_first_trial(tmp_path: Path, text: str, sentence: str) -> None:
     folder = tmp_path / "study"
     folder.mkdir()
     (folder / "text.png").write_text("no picture")

@@ -170,7 +170,7 @@ def test_reason_that_statistics_programs_read_as_missing_is_kept(tmp_path: Path)
     assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
 
 
-def test_zeros_that_a_power_cut_has_left_are_moved_to_a_file_of_their_own(tmp_path: Path) -> None:
+def test_zeros_after_a_power_cut_are_moved_to_another_file(tmp_path: Path) -> None:
     path = tmp_path / "trials.csv"
     zeros = bytes(200_000)
     path.write_bytes(OURS.encode() + zeros)
@@ -179,7 +179,7 @@ def test_zeros_that_a_power_cut_has_left_are_moved_to_a_file_of_their_own(tmp_pa
     assert (tmp_path / "incomplete_trials.csv").read_bytes() == zeros
 
 
-def test_table_that_a_backup_has_restored_with_the_same_bytes_is_appended_to(tmp_path: Path) -> None:
+def test_table_restored_from_a_backup_is_appended_to(tmp_path: Path) -> None:
     path = tmp_path / "trials.csv"
     with_one = AppendOnlyCsv(path, HEADER, KEY)
     with_one.append(EXPECTED[0])

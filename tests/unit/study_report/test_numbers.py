@@ -257,7 +257,7 @@ def test_mixed_model_gives_the_published_estimates_of_ergo_stool() -> None:
     assert (made.between, made.residual) == pytest.approx((1.332465, 1.100295), abs=1e-4)
 
 
-def test_mixed_model_of_a_study_finds_the_effects_that_people_were_made_with(
+def test_mixed_model_of_a_study_finds_the_simulated_effects(
     study: study_report.Trials,
 ) -> None:
     table = study_report.mixed_model(study)
@@ -354,7 +354,7 @@ def test_without_an_effect_five_percent_of_studies_find_one() -> None:
     assert row["low"] < 0.05 < row["high"]
 
 
-def test_power_ends_where_it_suffices_and_needed_is_the_first_number_that_does() -> None:
+def test_power_ends_where_it_suffices_and_needed_is_the_first_number() -> None:
     told: list[int] = []
     people = spread(stats.norm.ppf((np.arange(500) + 0.5) / 500))
     table = power.power(people, 0.5, range(4, 200), tell=told.append)

@@ -70,7 +70,7 @@ def test_page_needs_nothing_else_and_is_well_formed(written: str) -> None:
     assert "currentColor" in written
 
 
-def test_every_result_of_the_page_has_its_line_of_code_which_makes_it(folder: Path, written: str) -> None:
+def test_each_result_of_the_page_has_the_code_that_makes_it(folder: Path, written: str) -> None:
     codes = re.findall(r"<pre><code>(.*?)</code></pre>", written)
     results = len(re.findall(r"<figure>|<table>", written))
     assert len(codes) == results >= 20
@@ -146,7 +146,7 @@ def test_parquet_has_the_same_rows_with_numbers_as_numbers(folder: Path, written
         }
 
 
-def test_study_without_factors_or_sizes_has_a_page_that_says_what_is_missing(tmp_path: Path) -> None:
+def test_page_of_a_study_without_factors_names_what_is_missing(tmp_path: Path) -> None:
     write_study(tmp_path, {"dwell": 1.0}, people=1, rings=RINGS[:1])
     path = tmp_path / "P01/trials.csv"
     path.write_text(path.read_text(encoding="utf-8").replace(",method,", ",").replace(",dwell,", ","))

@@ -42,7 +42,7 @@ def rows_of(table: study_report.Table) -> dict[str, dict[str, Any]]:
     return {row["method"]: row for row in table}
 
 
-def test_sequence_that_is_too_short_is_counted_and_its_counterparts_are_left_out(folder: Path) -> None:
+def test_short_sequence_is_counted_and_its_counterparts_are_left_out(folder: Path) -> None:
     edit_trials(folder, "P02", times_out(("press", "0.05", 3)))
     study = study_report.trials(folder)
     found = rows_of(study_report.throughput(study))

@@ -4,6 +4,7 @@ import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,20 +74,25 @@ def sources_of(
     """
     conditions = list(injections)
     sources: list[PeopleSource] = []
-    for name in dict.fromkeys([*(each.set for each in followed), *(each.set for each in trials)]):
-        windows = (
-            1 if name == simulated_people.SET else max_trials
-        )  # another person tells more than another window
+    names = [recording.set for recording in followed]
+    names += [trial.set for trial in trials]
+    for name in dict.fromkeys(names):
+        # another person tells more than another window
+        windows = 1 if name == simulated_people.SET else max_trials
+        own_recordings = [recording for recording in followed if recording.set == name]
+        own_rooms = [trial for trial in trials if trial.set == name]
+
+        # not every condition fits both: some change only robots, others only lamps
         for injection in conditions:
             if injection.follows:
                 sources += [
-                    PeopleSource(injection=injection, number=number, followed=each, most=windows)
-                    for number, each in enumerate(each for each in followed if each.set == name)
+                    PeopleSource(injection=injection, number=number, followed=recording, most=windows)
+                    for number, recording in enumerate(own_recordings)
                 ]
             if injection.points:
                 sources += [
-                    PeopleSource(injection=injection, number=number, room=each)
-                    for number, each in enumerate(each for each in trials if each.set == name)
+                    PeopleSource(injection=injection, number=number, room=room)
+                    for number, room in enumerate(own_rooms)
                 ]
     return sources
 
@@ -115,21 +121,27 @@ def drawn_again(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    found = list(judged)
+    verdicts = list(judged)
     for turn in range(1, MAX_DRAWN):
-        taken: dict[tuple[str, str], set[str]] = {
-            (each.set, each.condition): set() for each in found if each.set in SIMULATED
-        }
-        for each in found:
-            if each.taken and each.set in SIMULATED:
-                taken[each.set, each.condition].add(each.subject)
+        # a row without any taken pose is short, too: it needs its empty set
+        taken: dict[tuple[str, str], set[str]] = {}
+        for verdict in verdicts:
+            if verdict.set not in SIMULATED:
+                continue
+            subjects = taken.setdefault((verdict.set, verdict.condition), set())
+            if verdict.taken:
+                subjects.add(verdict.subject)
         short = {key for key, subjects in taken.items() if len(subjects) < size.taken}
         if not short:
             break
-        drawn = people(None, sorted({name for name, _ in short}), size, seed + turn * size.people)
-        sources = [each for each in sources_of(drawn.followed, drawn.rooms, injections) if each.key in short]
-        found += judged_sources(sources, jobs=jobs, tick=tick)
-    return found
+
+        # new people, judged only under the conditions that need more of them
+        names = {name for name, _ in short}
+        drawn = people(None, sorted(names), size, seed + turn * size.people)
+        drawn_sources = sources_of(drawn.followed, drawn.rooms, injections)
+        sources = [source for source in drawn_sources if source.key in short]
+        verdicts += judged_sources(sources, jobs=jobs, tick=tick)
+    return verdicts
 
 
 def judged_sources(
@@ -145,8 +157,8 @@ def judged_sources(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    verdicts = map_in_order(judge_source, sources, jobs=jobs, chunk=CHUNK, tick=tick)
-    return [each for of_source in verdicts for each in of_source]
+    by_source = map_in_order(judge_source, sources, jobs=jobs, chunk=CHUNK, tick=tick)
+    return list(chain.from_iterable(by_source))
 
 
 def judge_source(source: PeopleSource) -> list[Judged]:
@@ -158,7 +170,8 @@ def trials_of(source: PeopleSource) -> Iterator[LocalizationTrial]:
     """Yield the trials of `source` under its condition, the same ones in each run."""
     injection = source.injection
     for number, trial in enumerate(_plain(source)):
-        seed = zlib.crc32(f"{trial.set} {trial.subject} {injection.name}".encode())
+        text = f"{trial.set} {trial.subject} {injection.name}"
+        seed = zlib.crc32(text.encode())
         rng = np.random.default_rng([seed, source.number, number])
         yield trial if injection.change is None else injection.change(trial, rng)
 
@@ -167,43 +180,58 @@ def _plain(source: PeopleSource) -> Iterator[LocalizationTrial]:
     injection = source.injection
     if source.followed is not None:
         recording = source.followed
-        recording = recording.shifted(injection.shift_s) if injection.shift_s else recording
+        if injection.shift_s:
+            recording = recording.shifted(injection.shift_s)
         for window_s in WINDOWS_S:
             trials = list(recording.trials((window_s,)))
-            step = 1 if source.most is None else max(1, math.ceil(len(trials) / source.most))
+            step = 1
+            if source.most is not None:
+                step = max(1, math.ceil(len(trials) / source.most))
             yield from trials[::step]
     if source.room is not None:
-        rng = np.random.default_rng([zlib.crc32(source.room.subject.encode()), source.number])
+        seed = zlib.crc32(source.room.subject.encode())
+        rng = np.random.default_rng([seed, source.number])
         for count in COUNTS:
             yield chosen(source.room, count, rng, injection)
 
 
 def verdict(trial: LocalizationTrial, condition: str) -> Judged:
     """Return the verdict on the pose of `trial`: if the localizer takes it, and if its uncertainty holds."""
-    found = judged(trial.pointings)
-    one = Judged(
+    pose = judged(trial.pointings)
+    # windows of a recording overlap: stretches of it count as independent. Simulated people are independent
+    unit = ""
+    if trial.recording and trial.set not in SIMULATED:
+        unit = f"{trial.recording} {trial.start_s // UNIT_S}"
+    refused = Judged(
         set=trial.set,
         condition=condition,
         duration=trial.condition,
         subject=trial.subject,
-        unit=f"{trial.recording} {trial.start_s // UNIT_S}"
-        if trial.set not in SIMULATED and trial.recording
-        else "",
+        unit=unit,
         taken=False,
     )
-    if isinstance(found, Refusal):
-        return one
-    off = np.array([found.x_m - trial.x_m, found.y_m - trial.y_m])
-    error_m = float(np.hypot(*off))
-    in_yaw = miss_m = right = None
+    if isinstance(pose, Refusal):
+        return refused
+
+    # the place, against its stated covariance (Mahalanobis)
+    off_m = np.array([pose.x_m - trial.x_m, pose.y_m - trial.y_m])
+    error_m = float(np.hypot(*off_m))
+    place_covariance = pose.covariance[:2, :2]
+    square = float(off_m @ np.linalg.solve(place_covariance, off_m))
+
+    # what needs the true yaw
+    in_yaw = None
+    miss_m = None
+    miss_sigma_m = None
+    right = None
     if trial.yaw_rad is not None:
-        turned_rad = math.remainder(found.yaw_rad - trial.yaw_rad, math.tau)
-        in_yaw = abs(turned_rad) <= 2.0 * found.yaw_sigma_rad
-        miss_m = _miss_m(trial, off, turned_rad)
-        right = right_share(np.array([-complex(*off)]), np.array([-turned_rad]))
-    square = float(off @ np.linalg.solve(found.covariance[:2, :2], off))
+        turned_rad = math.remainder(pose.yaw_rad - trial.yaw_rad, math.tau)
+        in_yaw = abs(turned_rad) <= 2.0 * pose.yaw_sigma_rad
+        miss_m = _miss_m(trial, off_m, turned_rad)
+        miss_sigma_m = _stated_miss_m(trial, pose)
+        right = right_share(np.array([-complex(*off_m)]), np.array([-turned_rad]))
     return replace(
-        one,
+        refused,
         taken=True,
         error_m=error_m,
         square=square / MEDIAN_SQUARE,
@@ -211,18 +239,19 @@ def verdict(trial: LocalizationTrial, condition: str) -> Judged:
         in_yaw=in_yaw,
         miss_m=miss_m,
         right=right,
-        miss_sigma_m=None if miss_m is None else _stated_miss_m(trial, found),
+        miss_sigma_m=miss_sigma_m,
     )
 
 
 def _miss_m(trial: LocalizationTrial, off_m: Array, turned_rad: float) -> float:
     """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
     east, north = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)).T
+    # less 1: displacement by the rotation, not the rotated target
     cosine = math.cos(turned_rad) - 1.0
     sine = math.sin(turned_rad)
-    squares: Array = (off_m[0] + cosine * east - sine * north) ** 2 + (
-        off_m[1] + sine * east + cosine * north
-    ) ** 2
+    miss_east: Array = off_m[0] + cosine * east - sine * north
+    miss_north: Array = off_m[1] + sine * east + cosine * north
+    squares: Array = miss_east**2 + miss_north**2
     return math.sqrt(float(np.mean(squares)))
 
 
@@ -230,7 +259,9 @@ def _stated_miss_m(trial: LocalizationTrial, solution: Solution) -> float:
     """Return the rms miss of cursors at the targets of `trial` by the covariance of the pose `solution`."""
     east, north = (trial.pointings.targets_m[:, :2] - (solution.x_m, solution.y_m)).T
     (xx, _, x_turn), (_, yy, y_turn), (_, _, turn) = solution.covariance.tolist()
-    squares: Array = xx + yy + (east**2 + north**2) * turn + 2.0 * (east * y_turn - north * x_turn)
+    distance_squares: Array = east**2 + north**2
+    cross_terms: Array = east * y_turn - north * x_turn
+    squares: Array = xx + yy + distance_squares * turn + 2.0 * cross_terms
     return math.sqrt(max(0.0, float(np.mean(squares))))
 
 
@@ -247,29 +278,43 @@ def chosen(
             otherwise; `one_wall` to choose lamps of equal x; `visits` of each lamp.
     """
     pointings = trial.pointings
-    starts = np.append(True, np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1))
-    holds: list[NDArray[np.intp]] = np.split(np.arange(len(pointings)), np.flatnonzero(starts)[1:])
-    lamps_m = pointings.targets_m[np.flatnonzero(starts)]
-    among: NDArray[np.intp] = np.arange(len(holds))
+    # a hold ends where the target changes
+    is_changed = np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1)
+    starts = np.flatnonzero(np.append(True, is_changed))
+    rows_of_pointings = np.arange(len(pointings))
+    holds: list[NDArray[np.intp]] = np.split(rows_of_pointings, starts[1:])
+    lamps_m = pointings.targets_m[starts]
+
+    # lamps to choose from: all, or those of a wall with enough of them
+    candidates: NDArray[np.intp] = np.arange(len(holds))
     if injection.one_wall:
-        walls = [np.flatnonzero(np.abs(lamps_m[:, 0] - x_m) < WALL_M) for x_m in lamps_m[:, 0].tolist()]
-        walls = [wall for wall in walls if len(wall) >= count]
-        among = walls[int(rng.integers(len(walls)))]
-    order: list[int] = rng.choice(among, size=count + injection.wrong_lamp, replace=False).tolist()
+        walls: list[NDArray[np.intp]] = []
+        for x_m in lamps_m[:, 0].tolist():
+            wall = np.flatnonzero(np.abs(lamps_m[:, 0] - x_m) < WALL_M)
+            if len(wall) >= count:
+                walls.append(wall)
+        candidates = walls[int(rng.integers(len(walls)))]
+
+    # one more for the wrong lamp, which is lit instead of one that is pointed at
+    order: list[int] = rng.choice(candidates, size=count + injection.wrong_lamp, replace=False).tolist()
     pointed = order[:count]
     lit_m = lamps_m[pointed].copy()
     if injection.wrong_lamp:
         lit_m[rng.integers(count)] = lamps_m[order[-1]]
-    stamps_s: list[Array] = []
-    began_s = 0.0
     pointed = pointed * injection.visits
     lit_m = np.tile(lit_m, (injection.visits, 1))
+
+    # holds one after the other
+    stamps_s: list[Array] = []
+    start_s = 0.0
     for index in pointed:
-        stamps_s.append(pointings.stamps_s[holds[index]] - pointings.stamps_s[holds[index][0]] + began_s)
-        began_s = float(stamps_s[-1][-1]) + PAUSE_S
-    held = [holds[index] for index in pointed]
-    rows = np.concatenate(held)
-    targets_m = np.repeat(lit_m, [len(each) for each in held], axis=0)
+        hold_stamps_s = pointings.stamps_s[holds[index]]
+        stamps_s.append(hold_stamps_s - hold_stamps_s[0] + start_s)
+        start_s = float(stamps_s[-1][-1]) + PAUSE_S
+    chosen_holds = [holds[index] for index in pointed]
+    rows = np.concatenate(chosen_holds)
+    lengths = [len(hold) for hold in chosen_holds]
+    targets_m = np.repeat(lit_m, lengths, axis=0)
     return replace(
         trial,
         condition=f"{count} lamps",

@@ -92,11 +92,13 @@ def with_arms(trial: LocalizationTrial, arms: Array) -> LocalizationTrial:
 
 def _turned(trial: LocalizationTrial, directions: Array) -> LocalizationTrial:
     """Return `trial` with `directions`; what they are turned by on average turns the true yaw back."""
-    before = trial.pointings.directions
-    turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
+    previous = trial.pointings.directions
+    azimuths = np.arctan2(directions[:, 1], directions[:, 0])
+    turns = azimuths - np.arctan2(previous[:, 1], previous[:, 0])
     yaw_rad = trial.yaw_rad
     if yaw_rad is not None:
-        yaw_rad = math.remainder(yaw_rad - float(np.angle(np.exp(1j * turns).mean())), math.tau)
+        mean_turn_rad = float(np.angle(np.exp(1j * turns).mean()))
+        yaw_rad = math.remainder(yaw_rad - mean_turn_rad, math.tau)
     return replace(trial, pointings=replace(trial.pointings, directions=directions), yaw_rad=yaw_rad)
 
 
@@ -117,14 +119,16 @@ def _beside(trial: LocalizationTrial, to_right_m: float) -> LocalizationTrial:
     stance = Stance(body, hand)
     rays: list[Vec3] = [(x, y, z) for x, y, z in trial.pointings.directions.tolist()]
     aims = (stance.aim_at(vector.add(stance.eyes_m, ray)) for ray in rays)
-    return with_arms(trial, np.array([vector.direction(*each) for each in aims], dtype=np.float64))
+    directions = [vector.direction(*aim) for aim in aims]
+    return with_arms(trial, np.array(directions, dtype=np.float64))
 
 
 def shoulder_still(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Move the shoulder to the right of a body that does not turn, and faces the middle of all rays."""
     del rng
     facing = trial.pointings.directions.mean(axis=0)
-    right = np.array([facing[1], -facing[0], 0.0]) / max(math.hypot(facing[0], facing[1]), 1e-6)
+    level = max(math.hypot(facing[0], facing[1]), 1e-6)
+    right = np.array([facing[1], -facing[0], 0.0]) / level
     return with_arms(trial, arm_directions(trial, BESIDE_M * right))
 
 
@@ -148,7 +152,8 @@ def garbage(trial: LocalizationTrial, rng: np.random.Generator, *, share: float)
 def drift(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Turn the rays at `DRIFT_RADPS` to either side; the true yaw is that of the middle."""
     stamps_s = trial.pointings.stamps_s
-    turn = np.exp(1j * float(rng.choice([-1.0, 1.0])) * DRIFT_RADPS * (stamps_s - stamps_s.mean()))
+    side = float(rng.choice([-1.0, 1.0]))
+    turn = np.exp(1j * side * DRIFT_RADPS * (stamps_s - stamps_s.mean()))
     rays = trial.pointings.directions
     level = (rays[:, 0] + 1j * rays[:, 1]) * turn
     directions = np.stack([level.real, level.imag, rays[:, 2]], axis=1)

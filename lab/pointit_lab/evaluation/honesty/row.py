@@ -106,11 +106,15 @@ class HonestyRow:
 def rows_of(judged: Iterable[Judged]) -> list[HonestyRow]:
     """Return a row for each set, condition and duration, each after the row over all durations."""
     groups: dict[tuple[str, str, str], list[Judged]] = {}
-    for each in judged:
-        for duration in (EVERY, each.duration):
-            groups.setdefault((each.set, each.condition, duration), []).append(each)
+    for verdict in judged:
+        for duration in (EVERY, verdict.duration):
+            names = (verdict.set, verdict.condition, duration)
+            groups.setdefault(names, []).append(verdict)
     rows = [_row(*names, group) for names, group in groups.items()]
-    ranks = {key: rank for rank, key in enumerate(dict.fromkeys((row.set, row.condition) for row in rows))}
+
+    # a stable sort by first appearance keeps the durations of a set and condition together
+    keys = dict.fromkeys((row.set, row.condition) for row in rows)
+    ranks = {key: rank for rank, key in enumerate(keys)}
     return sorted(rows, key=lambda row: ranks[row.set, row.condition])
 
 
@@ -124,42 +128,66 @@ def pooled_rows(judged: Iterable[Judged], simulated: Collection[str]) -> list[Ho
         simulated: sets of simulated people. The others are recorded.
     """
     groups: dict[tuple[str, str], list[Judged]] = {}
-    for each in judged:
-        kind = "simulated people" if each.set in simulated else "recorded people"
+    for verdict in judged:
+        kind = "simulated people" if verdict.set in simulated else "recorded people"
         # people of different sets may have the same name
-        subject = f"{each.set} {each.subject}"
-        unit = each.unit and f"{each.set} {each.unit}"
-        groups.setdefault((kind, each.condition), []).append(replace(each, subject=subject, unit=unit))
-    return [
-        _row(kind, condition, EVERY, groups[kind, condition])
-        for kind, condition in sorted(groups, key=lambda key: key[0])
-    ]
+        subject = f"{verdict.set} {verdict.subject}"
+        unit = verdict.unit and f"{verdict.set} {verdict.unit}"
+        pooled = replace(verdict, subject=subject, unit=unit)
+        groups.setdefault((kind, verdict.condition), []).append(pooled)
+    # by kind alone: conditions stay in the order of the injections
+    keys = sorted(groups, key=lambda key: key[0])
+    return [_row(kind, condition, EVERY, groups[kind, condition]) for kind, condition in keys]
 
 
 def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:
-    judged = [each for each in group if each.taken]
-    independent = len({each.unit or each.subject for each in judged})
-    yaws = [each.in_yaw for each in judged if each.in_yaw is not None]
+    taken = [verdict for verdict in group if verdict.taken]
+
+    # shares of no pose at all have no interval
+    wrong = None
+    far = None
+    if taken:
+        wrong_count = sum(verdict.is_wrong for verdict in taken)
+        wrong = _share(wrong_count, len(taken))
+        far_count = sum(verdict.error_m > FAR_M for verdict in taken)
+        far = _share(far_count, len(taken))
+
+    # the share p of which n trials show none with probability 5 %: (1 - p)^n = 0.05
+    units = {verdict.unit or verdict.subject for verdict in taken}
+    independent = len(units)
+    provable = None
+    if independent:
+        provable = 1.0 - 0.05 ** (1.0 / independent)
+
+    # values that are unknown for some poses: over those that have one
+    yaws = _known(verdict.in_yaw for verdict in taken)
+    misses_m = _known(verdict.miss_m for verdict in taken)
+    stated_misses_m = _known(verdict.miss_sigma_m for verdict in taken)
+    right_shares = _known(verdict.right for verdict in taken)
     return HonestyRow(
         set=name,
         condition=condition,
         duration=duration,
         n=len(group),
-        taken=len(judged) / len(group),
-        error_m=MetricSpread.of(each.error_m for each in judged),
-        within_2_sigma=_mean([each.in_place for each in judged]),
+        taken=len(taken) / len(group),
+        error_m=MetricSpread.of(verdict.error_m for verdict in taken),
+        within_2_sigma=_mean([verdict.in_place for verdict in taken]),
         yaw_within_2_sigma=_mean(yaws),
-        square=_median([each.square for each in judged]),
-        wrong=_share(sum(each.is_wrong for each in judged), len(judged)) if judged else None,
-        far=_share(sum(each.error_m > FAR_M for each in judged), len(judged)) if judged else None,
-        miss_m=_median([each.miss_m for each in judged if each.miss_m is not None]),
-        miss_sigma_m=_median([each.miss_sigma_m for each in judged if each.miss_sigma_m is not None]),
-        right=_mean([each.right for each in judged if each.right is not None]),
+        square=_median([verdict.square for verdict in taken]),
+        wrong=wrong,
+        far=far,
+        miss_m=_median(misses_m),
+        miss_sigma_m=_median(stated_misses_m),
+        right=_mean(right_shares),
         independent=independent,
-        provable=1.0 - 0.05 ** (1.0 / independent) if independent else None,
-        without_one=_without_one(judged, lambda each: each.in_place),
-        wrong_without_one=_without_one(judged, lambda each: each.is_wrong),
+        provable=provable,
+        without_one=_without_one(taken, lambda verdict: verdict.in_place),
+        wrong_without_one=_without_one(taken, lambda verdict: verdict.is_wrong),
     )
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
 
 
 def _share(hits: int, count: int) -> Interval:
@@ -178,8 +206,11 @@ def _mean(values: Sequence[float]) -> float | None:
 
 def _without_one(judged: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:
     """Return the range of the share of `hits` without one person; None of fewer than three people."""
-    people = {each.subject for each in judged}
+    people = {verdict.subject for verdict in judged}
     if len(people) < 3:
         return None
-    shares = [np.mean([hits(each) for each in judged if each.subject != one]) for one in people]
-    return float(min(shares)), float(max(shares))
+    shares: list[float] = []
+    for person in people:
+        others = [hits(verdict) for verdict in judged if verdict.subject != person]
+        shares.append(float(np.mean(others)))
+    return min(shares), max(shares)

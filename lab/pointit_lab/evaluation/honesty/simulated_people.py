@@ -114,14 +114,17 @@ class SimulatedFollower:
         The first `REACH_S` are the reach from a resting arm. Rays start at (0, 0, `eyes_m`).
         """
         away = course(times_s - self.lag_s) - (self.x_m, self.y_m, self.eyes_m)
+        # constant errors, and slopes
         azimuths = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
         azimuths += self.azimuth_slope * (azimuths - azimuths.mean()) + self.aim_rad
         elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
         elevations += self.elevation_slope * elevations + self.bias_rad
+        # the reach from a hanging arm, with minimum jerk
         share = np.clip((times_s - times_s[0]) / REACH_S, 0.0, 1.0)
-        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # minimum jerk
+        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         azimuths += (1.0 - share) * rng.uniform(-math.pi, math.pi)
         elevations = HANGING_RAD + share * (elevations - HANGING_RAD)
+        # the wander is an angle on the sphere: azimuths change more when the arm is steep
         wander = self._wander(times_s, rng)
         azimuths += wander[:, 0] / np.cos(elevations) - self.yaw_rad
         elevations += wander[:, 1]
@@ -131,12 +134,17 @@ class SimulatedFollower:
     def _wander(self, times_s: Array, rng: np.random.Generator) -> Array:
         """Return errors (n x 2, rad) of an arm that follows: a first-order autoregression."""
         white = rng.standard_normal((len(times_s), 2))
-        correlation = math.exp(-float(times_s[1] - times_s[0]) / CORRELATION_S) if len(times_s) > 1 else 0.0
-        out = np.empty_like(white)
-        out[0] = white[0]
+        correlation = 0.0
+        if len(times_s) > 1:
+            step_s = float(times_s[1] - times_s[0])
+            correlation = math.exp(-step_s / CORRELATION_S)
+        # the variance stays 1
+        innovation = math.sqrt(1.0 - correlation * correlation)
+        errors = np.empty_like(white)
+        errors[0] = white[0]
         for row in range(1, len(white)):
-            out[row] = correlation * out[row - 1] + math.sqrt(1.0 - correlation * correlation) * white[row]
-        return np.asarray(self.wander_rad * out, dtype=np.float64)
+            errors[row] = correlation * errors[row - 1] + innovation * white[row]
+        return np.asarray(self.wander_rad * errors, dtype=np.float64)
 
 
 def followers(seeds: Iterable[int]) -> list[FollowRecording]:
@@ -202,19 +210,22 @@ def _origins(follower: SimulatedFollower, count: int) -> Array:
 
 def _course(follower: SimulatedFollower, rng: np.random.Generator) -> Course:
     """Return a circle or a figure of eight at `SPEED_MPS` on average."""
-    way, phase = rng.uniform(-math.pi, math.pi, 2)
+    bearing, phase = rng.uniform(-math.pi, math.pi, 2)
     radius_m = float(rng.uniform(*COURSE_M))
     away_m = float(rng.uniform(*AWAY_M))
     is_eight, is_flying = rng.random(2) < 0.5
-    middle = (follower.x_m + away_m * math.cos(way), follower.y_m + away_m * math.sin(way))
+    middle_x_m = follower.x_m + away_m * math.cos(bearing)
+    middle_y_m = follower.y_m + away_m * math.sin(bearing)
     rate_radps = SPEED_MPS / radius_m / (1.5 if is_eight else 1.0)
 
     def at(times_s: Array) -> Array:
-        turned = phase + rate_radps * times_s
-        across = np.sin(2.0 * turned) if is_eight else np.cos(turned)
-        x_m = middle[0] + radius_m * np.sin(turned)
-        y_m = middle[1] + radius_m * across
-        z_m = FLIES_M + RISE_M * np.sin(1.3 * turned) if is_flying else np.zeros_like(turned)
+        angles = phase + rate_radps * times_s
+        across = np.sin(2.0 * angles) if is_eight else np.cos(angles)
+        x_m = middle_x_m + radius_m * np.sin(angles)
+        y_m = middle_y_m + radius_m * across
+        z_m = np.zeros_like(angles)
+        if is_flying:
+            z_m = FLIES_M + RISE_M * np.sin(1.3 * angles)
         return np.stack([x_m, y_m, z_m], axis=1)
 
     return at
@@ -226,26 +237,33 @@ def _room(seed: int) -> LocalizationTrial:
     eyes = _body(follower, rng)
     lamps_m = rng.permutation(_lamps(rng))
     count = len(lamps_m)
+
+    # true directions, then this person's errors: slopes, constants, and the scatter of one hold
     away = lamps_m - (eyes.x_m, eyes.y_m, eyes.eyes_m)
     azimuths = np.arctan2(away[:, 1], away[:, 0])  # the room is in front: no wrapping
     elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
-    azimuths += follower.azimuth_slope * np.clip(azimuths - azimuths.mean(), -TURNS_RAD, TURNS_RAD)
-    azimuths += follower.aim_rad - follower.yaw_rad + rng.normal(0.0, rng.uniform(*ACT_RAD), count)
+    turns = np.clip(azimuths - azimuths.mean(), -TURNS_RAD, TURNS_RAD)
+    azimuths += follower.azimuth_slope * turns
+    azimuth_scatter = rng.normal(0.0, rng.uniform(*ACT_RAD), count)
+    azimuths += follower.aim_rad - follower.yaw_rad + azimuth_scatter
     elevations += follower.elevation_slope * elevations + follower.bias_rad
     elevations += rng.normal(0.0, rng.uniform(*ACT_UP_RAD), count)
+
+    # a hold at each lamp, whose rays wander
     wander = rng.normal(0.0, HOLD_WANDER_RAD, (2, count * HOLD_RAYS))
-    rays = vector_rows(
-        np.repeat(azimuths, HOLD_RAYS) + wander[0], np.repeat(elevations, HOLD_RAYS) + wander[1]
-    )
+    ray_azimuths = np.repeat(azimuths, HOLD_RAYS) + wander[0]
+    ray_elevations = np.repeat(elevations, HOLD_RAYS) + wander[1]
+    rays = vector_rows(ray_azimuths, ray_elevations)
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
-    stamps_s = (np.arange(count) * (HOLD_S + PAUSE_S))[:, None] + within_s
+    starts_s = np.arange(count) * (HOLD_S + PAUSE_S)
+    stamps_s = starts_s[:, None] + within_s
+    origins_m = _origins(follower, len(rays))
+    targets_m = np.repeat(lamps_m, HOLD_RAYS, axis=0)
     return LocalizationTrial(
         set=LAMPS_SET,
         subject=f"seed {seed}",
         condition=f"{count} targets",
-        pointings=Pointings(
-            stamps_s.reshape(-1), _origins(follower, len(rays)), rays, np.repeat(lamps_m, HOLD_RAYS, axis=0)
-        ),
+        pointings=Pointings(stamps_s.reshape(-1), origins_m, rays, targets_m),
         eye_height_m=follower.eyes_m,
         x_m=follower.x_m,
         y_m=follower.y_m,

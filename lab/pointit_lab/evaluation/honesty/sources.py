@@ -54,23 +54,24 @@ def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int =
     Raises:
         ConfigError: If a file is damaged.
     """
-    wanted = tuple(sets) or SETS
+    selected_sets = tuple(sets) or SETS
     reading = TrialReading()
     for name in RECORDED:
-        if recordings is None or name not in wanted:
+        if recordings is None or name not in selected_sets:
             continue
         if not (recordings / name).is_dir():
             reading.skip(recordings / name, "there is no such folder")
         elif name in FOLLOWED:
             FOLLOWED[name](recordings / name, reading)
+    # windows of following are drawn later, under each condition: only rooms count as trials here
     reading.trials.clear()
-    if recordings is not None and vr_arm_pointing.NAME in wanted:
+    if recordings is not None and vr_arm_pointing.NAME in selected_sets:
         folder = recordings / vr_arm_pointing.NAME
         vr_arm_pointing.read(folder, reading, counts=(vr_arm_pointing.ALL_TARGETS,), subsets=size.rooms)
     people = SimulatedPeople(followed=reading.followed, rooms=list(reading.trials), notes=reading.notes)
     seeds = range(seed, seed + size.people)
-    if simulated_people.SET in wanted:
+    if simulated_people.SET in selected_sets:
         people.followed += simulated_people.followers(seeds)
-    if simulated_people.LAMPS_SET in wanted:
+    if simulated_people.LAMPS_SET in selected_sets:
         people.rooms += simulated_people.rooms(seeds)
     return people

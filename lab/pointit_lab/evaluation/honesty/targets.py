@@ -48,10 +48,11 @@ class HonestyLimits:
             broken.append(f"taken {100.0 * row.taken:.0f} %")
         if row.taken * row.n < FEWEST:
             return broken
+        wrong = None if row.wrong is None else row.wrong.value
         for name, value, least, most in (
             ("2 sigma of the place", row.within_2_sigma, self.within_least, self.within_most),
             ("2 sigma of the yaw", row.yaw_within_2_sigma, self.yaw_least, self.yaw_most),
-            ("confidently wrong", None if row.wrong is None else row.wrong.value, 0.0, self.wrong_most),
+            ("confidently wrong", wrong, 0.0, self.wrong_most),
         ):
             if value is not None and not least <= value <= most:
                 broken.append(f"{name} {100.0 * value:.1f} %")
@@ -61,10 +62,14 @@ class HonestyLimits:
 
     def tightened(self, other: "HonestyLimits") -> "HonestyLimits":
         """Return the range within both."""
-        both = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
-        return HonestyLimits(
-            **{name: (max if name.endswith("least") else min)(pair) for name, pair in both.items()}
-        )
+        limits: dict[str, float] = {}
+        for field in fields(self):
+            pair: tuple[float, float] = (getattr(self, field.name), getattr(other, field.name))
+            if field.name.endswith("least"):
+                limits[field.name] = max(pair)
+            else:
+                limits[field.name] = min(pair)
+        return HonestyLimits(**limits)
 
 
 TARGETS = HonestyLimits()
@@ -73,28 +78,58 @@ TARGETS = HonestyLimits()
 
 def missed(rows: Iterable[HonestyRow]) -> list[tuple[HonestyRow, list[str]]]:
     """Return the rows over all durations that miss the targets, each with what it misses."""
-    found = [(row, TARGETS.broken_by(row)) for row in rows if row.duration == EVERY]
-    return [(row, broken) for row, broken in found if broken]
+    missing: list[tuple[HonestyRow, list[str]]] = []
+    for row in rows:
+        if row.duration != EVERY:
+            continue
+        broken = TARGETS.broken_by(row)
+        if broken:
+            missing.append((row, broken))
+    return missing
 
 
 def limits_of(row: HonestyRow) -> HonestyLimits:
     """Return limits that `row` keeps with some slack, nowhere within the targets."""
     count = round(row.taken * row.n)
-    if row.wrong is None or row.square is None or row.within_2_sigma is None or count < FEWEST:
+    if count < FEWEST:
         return TARGETS
-    one = 1.0 / count
+    if row.wrong is None or row.square is None or row.within_2_sigma is None:
+        return TARGETS
     place = row.within_2_sigma
     yaw = place if row.yaw_within_2_sigma is None else row.yaw_within_2_sigma
+
+    # a row that is often wrong may take less, without limit
+    taken_least = 0.0
+    if row.wrong.value <= KNOWN_MISS:
+        taken_least = max(_down(row.taken - TAKEN_SLACK), 0.0)
+
+    # shares permit one pose more on either side
+    pose_share = 1.0 / count
+    place_least = _least_share(place - pose_share)
+    place_most = _most_share(place + pose_share)
+    yaw_least = _least_share(yaw - pose_share)
+    yaw_most = _most_share(yaw + pose_share)
+    wrong_most = _most_share(row.wrong.value + pose_share)
+    square_least = _down(row.square / SQUARE_SLACK)
+    square_most = _up(row.square * SQUARE_SLACK)
     return HonestyLimits(
-        taken_least=0.0 if row.wrong.value > KNOWN_MISS else max(_down(row.taken - TAKEN_SLACK), 0.0),
-        within_least=min(max(_down(place - one), 0.0), TARGETS.within_least),
-        within_most=max(min(_up(place + one), 1.0), TARGETS.within_most),
-        yaw_least=min(max(_down(yaw - one), 0.0), TARGETS.yaw_least),
-        yaw_most=max(min(_up(yaw + one), 1.0), TARGETS.yaw_most),
-        square_least=min(_down(row.square / SQUARE_SLACK), TARGETS.square_least),
-        square_most=max(_up(row.square * SQUARE_SLACK), TARGETS.square_most),
-        wrong_most=max(min(_up(row.wrong.value + one), 1.0), TARGETS.wrong_most),
+        taken_least=taken_least,
+        within_least=min(place_least, TARGETS.within_least),
+        within_most=max(place_most, TARGETS.within_most),
+        yaw_least=min(yaw_least, TARGETS.yaw_least),
+        yaw_most=max(yaw_most, TARGETS.yaw_most),
+        square_least=min(square_least, TARGETS.square_least),
+        square_most=max(square_most, TARGETS.square_most),
+        wrong_most=max(wrong_most, TARGETS.wrong_most),
     )
+
+
+def _least_share(share: float) -> float:
+    return max(_down(share), 0.0)
+
+
+def _most_share(share: float) -> float:
+    return min(_up(share), 1.0)
 
 
 def _down(value: float) -> float:
@@ -114,22 +149,26 @@ def regressions(rows: Sequence[HonestyRow], asked: Collection[tuple[str, str]] =
     """
     limits = stated()
     judged = {(row.set, row.condition) for row in rows}
-    told = [f"{', '.join(key)}: no trial" for key in limits if key in asked and key not in judged]
+    reports: list[str] = []
+    for key in limits:
+        if key in asked and key not in judged:
+            reports.append(f"{', '.join(key)}: no trial")
     for row in rows:
         if row.duration != EVERY:
             continue
-        own = limits.get((row.set, row.condition))
-        broken = ["no limits are stated"] if own is None else own.broken_by(row)
+        own_limits = limits.get((row.set, row.condition))
+        broken = ["no limits are stated"] if own_limits is None else own_limits.broken_by(row)
         if broken:
-            told.append(f"{row.set}, {row.condition}: {', '.join(broken)}")
-    return told
+            reports.append(f"{row.set}, {row.condition}: {', '.join(broken)}")
+    return reports
 
 
 def stated() -> dict[tuple[str, str], HonestyLimits]:
     """Return the limits of `LIMITS_FILE` by set and condition."""
     text = resources.files(__package__ or "").joinpath(LIMITS_FILE).read_text(encoding="utf-8")
-    names = [each.name for each in fields(HonestyLimits)]
-    return {
-        (line["set"], line["condition"]): HonestyLimits(**{name: float(line[name]) for name in names})
-        for line in csv.DictReader(text.splitlines())
-    }
+    names = [field.name for field in fields(HonestyLimits)]
+    limits: dict[tuple[str, str], HonestyLimits] = {}
+    for line in csv.DictReader(text.splitlines()):
+        values = {name: float(line[name]) for name in names}
+        limits[line["set"], line["condition"]] = HonestyLimits(**values)
+    return limits

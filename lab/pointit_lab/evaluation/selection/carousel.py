@@ -37,7 +37,9 @@ class Carousel:
         """
         self._ids = [strip.id for strip in environment.strips]
         self._lines = [Polyline(strip.line_m) for strip in environment.strips]
-        self._starts_m: Array = np.cumsum([0.0, *(line.length_m for line in self._lines)])
+        # where each strip starts along the ring, and where the last one ends
+        lengths_m = [line.length_m for line in self._lines]
+        self._starts_m: Array = np.cumsum([0.0, *lengths_m])
         self._positions_m = positions_m
         self._kinds = kinds
         self._length_m = length_m
@@ -58,16 +60,14 @@ class Carousel:
         """Return the packages at `now_ns`."""
         self._seq += 1
         passed_s = (now_ns - self._start_ns) / NS_PER_S
-        around_m: Array = (self._positions_m + self._speed_mps * passed_s) % self._starts_m[-1]
+        moved_m: Array = self._positions_m + self._speed_mps * passed_s
+        around_m: Array = moved_m % self._starts_m[-1]
         strips = np.searchsorted(self._starts_m, around_m, side="right") - 1
-        return TrackedObjects(
-            stamp_ns=now_ns,
-            seq=self._seq,
-            objects=tuple(
-                self._object(index, strip, float(around_m[index] - self._starts_m[strip]))
-                for index, strip in enumerate(strips.tolist())
-            ),
-        )
+        objects: list[TrackedObject] = []
+        for index, strip in enumerate(strips.tolist()):
+            position_m = float(around_m[index] - self._starts_m[strip])
+            objects.append(self._object(index, strip, position_m))
+        return TrackedObjects(stamp_ns=now_ns, seq=self._seq, objects=tuple(objects))
 
     def _object(self, index: int, strip: int, position_m: float) -> TrackedObject:
         line = self._lines[strip]

@@ -41,19 +41,18 @@ def lab_condition(motion: str, level: int, speed_mps: float) -> str:
 
 def conditions(benches: Sequence[str] = ()) -> list[Condition]:
     """Return the conditions of `benches` (empty: of all)."""
-    return [
-        condition
-        for bench, of_it in ((LAB, _lab()), (CONVEYOR, _conveyor()))
-        if not benches or bench in benches
-        for condition in of_it
-    ]
+    selected: list[Condition] = []
+    for bench, own_conditions in ((LAB, _lab()), (CONVEYOR, _conveyor())):
+        if not benches or bench in benches:
+            selected += own_conditions
+    return selected
 
 
 def _lab() -> list[Condition]:
-    static = [("static", level, 0.0, 3 * level, level) for level in (1, 2, 3)]
-    moving = [("moving", level, speed_mps, 9, 3) for level, speed_mps in enumerate(LAB_SPEEDS_MPS, start=1)]
-    return [
-        Condition(
+    """Return the conditions of the recordings: standing packages by number, moving ones by speed."""
+
+    def condition(motion: str, level: int, *, speed_mps: float, packages: int, targets: int) -> Condition:
+        return Condition(
             bench=LAB,
             name=lab_condition(motion, level, speed_mps),
             speed_mps=speed_mps,
@@ -61,8 +60,13 @@ def _lab() -> list[Condition]:
             targets=targets,
             spacing_m=RING_M / packages,
         )
-        for motion, level, speed_mps, packages, targets in (*static, *moving)
-    ]
+
+    conditions: list[Condition] = []
+    for level in (1, 2, 3):
+        conditions.append(condition("static", level, speed_mps=0.0, packages=3 * level, targets=level))
+    for level, speed_mps in enumerate(LAB_SPEEDS_MPS, start=1):
+        conditions.append(condition("moving", level, speed_mps=speed_mps, packages=9, targets=3))
+    return conditions
 
 
 def _conveyor() -> list[Condition]:
@@ -81,6 +85,7 @@ def _conveyor() -> list[Condition]:
             users=users,
         )
 
+    # a third of the packages are targets in all of them
     return [
         condition("0.5 m/s, 12 packages 2 m apart"),
         condition("1 m/s", speed_mps=1.0),

@@ -62,7 +62,8 @@ class Difference:
             (self.time_s, "is faster", "is slower"),
         ):
             if interval is not None and interval.excludes_zero:
-                sentences.append(f"{self.method} {less if interval.value < 0.0 else more}")
+                claim = less if interval.value < 0.0 else more
+                sentences.append(f"{self.method} {claim}")
         return sentences
 
     def as_json(self) -> dict[str, Any]:
@@ -81,17 +82,21 @@ def differences_of(groups: Groups) -> list[Difference]:
     for (condition, method), scores in groups.items():
         if len(scores) >= FEWEST:
             by_condition.setdefault(condition, {})[method] = scores
-    pairs = [
-        (condition, pair) for condition, of_it in by_condition.items() for pair in combinations(of_it, 2)
-    ]
-    tail = SIGNIFICANCE / (2.0 * max(1, 2 * len(pairs)))
-    found: list[Difference] = []
+    pairs: list[tuple[Condition, tuple[str, str]]] = []
+    for condition, scores_by_method in by_condition.items():
+        for pair in combinations(scores_by_method, 2):
+            pairs.append((condition, pair))
+
+    # two intervals a pair, each with two tails
+    intervals = max(1, 2 * len(pairs))
+    tail = SIGNIFICANCE / (2.0 * intervals)
+    differences: list[Difference] = []
     for condition, (other, method) in pairs:
-        of_it = by_condition[condition]
-        mine = _sums(of_it[method])
-        others = _sums(of_it[other])
+        scores_by_method = by_condition[condition]
+        mine = _sums(scores_by_method[method])
+        others = _sums(scores_by_method[other])
         errors, time_s = _intervals(mine, others, tail)
-        found.append(
+        differences.append(
             Difference(
                 bench=condition.bench,
                 condition=condition.name,
@@ -102,35 +107,36 @@ def differences_of(groups: Groups) -> list[Difference]:
                 time_s=time_s,
             )
         )
-    return found
+    return differences
 
 
 def _sums(scores: Sequence[Score]) -> Array:
     """Return n x 4: errors, targets, times, number of times of each trial."""
-    return np.array(
-        [
-            (score.wrong + score.missed, score.targets, sum(score.took_s), len(score.took_s))
-            for score in scores
-        ],
-        dtype=np.float64,
-    )
+    sums: list[tuple[float, ...]] = []
+    for score in scores:
+        errors = score.wrong + score.missed
+        sums.append((errors, score.targets, sum(score.took_s), len(score.took_s)))
+    return np.array(sums, dtype=np.float64)
 
 
 def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Interval | None]:
+    # a resample in chunks, which bounds the memory, with enough draws beyond each tail
     count = len(mine)
     rng = np.random.default_rng(count)
     chunks = max(2, int(np.ceil(TAIL / tail / CHUNK)))
-    drawn = np.concatenate(
-        [
-            _differences(rng.multinomial(count, np.full(count, 1.0 / count), CHUNK), mine, others)
-            for _ in range(chunks)
-        ]
-    )
-    errors, time_s = _differences(np.ones((1, count)), mine, others)[0].tolist()
-    intervals = [
-        Interval(value=value, low=float(np.quantile(each, tail)), high=float(np.quantile(each, 1.0 - tail)))
-        for value, each in zip((errors, time_s), drawn.T, strict=True)
-    ]
+    shares = np.full(count, 1.0 / count)
+    drawn_chunks: list[Array] = []
+    for _ in range(chunks):
+        weights = rng.multinomial(count, shares, CHUNK)
+        drawn_chunks.append(_differences(weights, mine, others))
+    drawn = np.concatenate(drawn_chunks)
+
+    values = _differences(np.ones((1, count)), mine, others)[0].tolist()
+    intervals: list[Interval] = []
+    for value, resampled in zip(values, drawn.T, strict=True):
+        low = float(np.quantile(resampled, tail))
+        high = float(np.quantile(resampled, 1.0 - tail))
+        intervals.append(Interval(value=value, low=low, high=high))
     has_times = bool(np.isfinite(drawn).all())
     return intervals[0], intervals[1] if has_times else None
 
@@ -139,7 +145,8 @@ def _differences(weights: NDArray[np.integer] | Array, mine: Array, others: Arra
     """Return k x 2, of k resamples: differences of the share of errors and of the mean time."""
     a = weights @ mine
     b = weights @ others
+    # a resample may have no time at all
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack(
-            [a[:, 0] / a[:, 1] - b[:, 0] / b[:, 1], a[:, 2] / a[:, 3] - b[:, 2] / b[:, 3]], axis=1
-        )
+        errors = a[:, 0] / a[:, 1] - b[:, 0] / b[:, 1]
+        times_s = a[:, 2] / a[:, 3] - b[:, 2] / b[:, 3]
+        return np.stack([errors, times_s], axis=1)

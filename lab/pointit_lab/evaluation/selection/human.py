@@ -1,6 +1,7 @@
 """Results of real people in the simulated conditions, from recordings if available."""
 
 from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -36,26 +37,46 @@ def humans(recordings: Path | None, notes: list[str]) -> Humans:
 
 def lab_figures(runs: list[belts_lab.BeltRun]) -> SelectionMetrics:
     """Return the metrics over `runs` of people."""
-    toggles = [toggle for run in runs for toggle in run.toggles]
+    completions_s: list[float] = []
+    toggles: list[belts_lab.Toggle] = []
+    for run in runs:
+        toggles += run.toggles
+        # a run with a missed target has no end
+        if run.completion_s is not None:
+            completions_s.append(run.completion_s)
+
+    wrong_rate = None
+    if toggles:
+        wrong_toggles = sum(toggle.is_wrong for toggle in toggles)
+        wrong_rate = wrong_toggles / len(toggles)
     targets = sum(run.targets for run in runs)
+    missed_rate = None
+    if targets:
+        missed_rate = sum(run.missed for run in runs) / targets
     return SelectionMetrics(
         n=len(runs),
-        time_s=TimeSpread.of(run.completion_s for run in runs if run.completion_s is not None),
-        between_s=TimeSpread.of(
-            after.at_s - before.at_s
-            for run in runs
-            for before, after in pairwise([toggle for toggle in run.toggles if not toggle.is_wrong])
-        ),
-        wrong_rate=sum(toggle.is_wrong for toggle in toggles) / len(toggles) if toggles else None,
-        missed_rate=sum(run.missed for run in runs) / targets if targets else None,
+        time_s=TimeSpread.of(completions_s),
+        between_s=TimeSpread.of(_intervals_s(runs)),
+        wrong_rate=wrong_rate,
+        missed_rate=missed_rate,
     )
+
+
+def _intervals_s(runs: Sequence[belts_lab.BeltRun]) -> Iterator[float]:
+    """Yield the times from each correct toggle of a run to the next."""
+    for run in runs:
+        correct = [toggle for toggle in run.toggles if not toggle.is_wrong]
+        for before, after in pairwise(correct):
+            yield after.at_s - before.at_s
 
 
 def _lab(folder: Path) -> Humans:
     groups: dict[tuple[str, str], list[belts_lab.BeltRun]] = defaultdict(list)
     for run in belts_lab.read_runs(folder):
-        groups[lab_condition(run.motion, run.level, run.speed_mps), USUALLY[run.interface]].append(run)
-    found: Humans = defaultdict(dict)
-    for (condition, means), runs in groups.items():
-        found[LAB, condition][means] = lab_figures(runs)
-    return dict(found)
+        condition = lab_condition(run.motion, run.level, run.speed_mps)
+        device = USUALLY[run.interface]
+        groups[condition, device].append(run)
+    metrics: Humans = defaultdict(dict)
+    for (condition, device), runs in groups.items():
+        metrics[LAB, condition][device] = lab_figures(runs)
+    return dict(metrics)

@@ -35,6 +35,7 @@ def selector_config(name: str) -> SelectorConfig:
         full_s = float(seconds)
     except ValueError:
         raise ConfigError(f"--method {name}: seconds were expected after the @, as in {base}@0.6") from None
+    # the dwell time of `gauge` is that of its filling, whose ratio between sparse and dense stays
     fields = dict(config)
     if config.method == "gauge":
         gauge = config.gauge

@@ -1,6 +1,6 @@
 """Plot of the rows: time, wrong and missed by condition, one marker per method, people in black."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
@@ -34,9 +34,9 @@ def check_plot(path: Path) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra, wanted here only
     except ImportError as error:
         raise ConfigError(f"--plot {path}: needs matplotlib; run {remedy('plot')}") from error
-    known = FigureCanvasAgg.get_supported_filetypes()
-    if path.suffix.removeprefix(".") not in known:
-        raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(known))}")
+    suffixes = FigureCanvasAgg.get_supported_filetypes()
+    if path.suffix.removeprefix(".") not in suffixes:
+        raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(suffixes))}")
 
 
 def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
@@ -48,25 +48,32 @@ def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
     from matplotlib.figure import Figure  # noqa: PLC0415 - an extra, wanted here only
 
     benches = list(dict.fromkeys(row.bench for row in rows))
-    figure = Figure(figsize=(INCHES[0] * len(PANELS), INCHES[1] * len(benches)), layout="constrained")
+    width = INCHES[0] * len(PANELS)
+    height = INCHES[1] * len(benches)
+    figure = Figure(figsize=(width, height), layout="constrained")
     all_axes = figure.subplots(len(benches), len(PANELS), squeeze=False)
     for bench, axes in zip(benches, all_axes, strict=True):
-        of_it = [row for row in rows if row.bench == bench]
-        names = list(dict.fromkeys(row.condition for row in of_it))
+        bench_rows = [row for row in rows if row.bench == bench]
+        names = list(dict.fromkeys(row.condition for row in bench_rows))
+        methods = dict.fromkeys(row.method for row in bench_rows)
         for axis, (title, value) in zip(axes, PANELS, strict=True):
-            for index, method in enumerate(dict.fromkeys(row.method for row in of_it)):
-                found = {row.condition: value(row.figures) for row in of_it if row.method == method}
+            # methods, in the colours of the legend
+            for index, method in enumerate(methods):
+                method_rows = [row for row in bench_rows if row.method == method]
+                method_values = {row.condition: value(row.figures) for row in method_rows}
                 axis.plot(
                     range(len(names)),
-                    [_shown(found.get(name)) for name in names],
+                    _heights(method_values, names),
                     color=COLORS[index % len(COLORS)],
                     marker=MARKS[index % len(MARKS)],
                     label=method,
                 )
-            people = {row.condition: value(row.human["pointing"]) for row in of_it if "pointing" in row.human}
+
+            # people, where there are recordings of the condition
+            people_rows = [row for row in bench_rows if "pointing" in row.human]
+            people = {row.condition: value(row.human["pointing"]) for row in people_rows}
             if people:
-                shown = [_shown(people.get(name)) for name in names]
-                axis.plot(range(len(names)), shown, "k*--", label="people")
+                axis.plot(range(len(names)), _heights(people, names), "k*--", label="people")
             axis.set_title(f"{bench}: {title}")
             axis.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
             axis.set_ylim(bottom=0.0)
@@ -75,5 +82,10 @@ def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
         figure.savefig(part)
 
 
-def _shown(value: float | None) -> float:
-    return float("nan") if value is None else value
+def _heights(values: Mapping[str, float | None], names: Sequence[str]) -> list[float]:
+    """Return the values of the conditions `names`; NaN, which leaves a gap, where there is none."""
+    heights: list[float] = []
+    for name in names:
+        value = values.get(name)
+        heights.append(float("nan") if value is None else value)
+    return heights

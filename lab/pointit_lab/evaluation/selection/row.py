@@ -1,8 +1,8 @@
 """Rows of the selection evaluation: one per bench, condition and method, with people's results."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -59,12 +59,13 @@ class SelectionTrialRow:
     def as_json(self) -> dict[str, Any]:
         """Return it as it stands in a JSON file."""
         figures = self.figures.as_json()
+        human = {device: metrics.as_json() for device, metrics in self.human.items()}
         return {
             "bench": self.bench,
             "condition": self.condition,
             "method": self.method,
             **figures,
-            "human": {name: human.as_json() for name, human in self.human.items()},
+            "human": human,
         }
 
 
@@ -99,12 +100,24 @@ def figures_of(scores: Sequence[Score], *, per_package: bool) -> SelectionMetric
     """Return the metrics over `scores`; `per_package`: n counts packages, not runs."""
     targets = sum(score.targets for score in scores)
     toggles = sum(score.toggles for score in scores)
+    wrong_rate = None
+    if toggles:
+        wrong_rate = sum(score.wrong for score in scores) / toggles
+    missed_rate = None
+    if targets:
+        missed_rate = sum(score.missed for score in scores) / targets
+    times_s = chain.from_iterable(score.took_s for score in scores)
     return SelectionMetrics(
         n=targets if per_package else len(scores),
-        time_s=TimeSpread.of(took_s for score in scores for took_s in score.took_s),
-        between_s=TimeSpread.of(
-            after - before for score in scores for before, after in pairwise(sorted(score.right_s))
-        ),
-        wrong_rate=sum(score.wrong for score in scores) / toggles if toggles else None,
-        missed_rate=sum(score.missed for score in scores) / targets if targets else None,
+        time_s=TimeSpread.of(times_s),
+        between_s=TimeSpread.of(_intervals_s(scores)),
+        wrong_rate=wrong_rate,
+        missed_rate=missed_rate,
     )
+
+
+def _intervals_s(scores: Sequence[Score]) -> Iterator[float]:
+    """Yield the times from each correct selection of a trial to the next."""
+    for score in scores:
+        for before_s, after_s in pairwise(sorted(score.right_s)):
+            yield after_s - before_s

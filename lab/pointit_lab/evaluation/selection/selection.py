@@ -4,6 +4,7 @@ import zlib
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from pointit.schemas import NS_PER_S, SelectionEvent
@@ -85,7 +86,8 @@ class TrialRecorder:
                 self._selected[event.object_id] = is_target
                 self._toggled(event, at_s, selected=True)
                 if is_target and event.object_id in entered_ns:
-                    self._took_s[event.object_id] = (event.stamp_ns - entered_ns[event.object_id]) / NS_PER_S
+                    took_ns = event.stamp_ns - entered_ns[event.object_id]
+                    self._took_s[event.object_id] = took_ns / NS_PER_S
             elif event.event == "deselected" and event.user:
                 self._selected.pop(event.object_id, None)
                 self._took_s.pop(event.object_id, None)
@@ -97,7 +99,8 @@ class TrialRecorder:
         """Return True if nothing can change any more."""
         if self._passing:
             return len(self._out) >= self._stage.packages
-        return self._is_complete and now_ns - self._last_ns >= SETTLE_S * NS_PER_S
+        settled_ns = now_ns - self._last_ns
+        return self._is_complete and settled_ns >= SETTLE_S * NS_PER_S
 
     def finish(self) -> Score:
         """Return the score at the end of the trial."""
@@ -124,7 +127,8 @@ class TrialRecorder:
         if event.object_id in self._out:
             return
         self._out.add(event.object_id)
-        self._right_out += event.kind == self._stage.target_kind and event.bay == RIGHT_BAY
+        is_target = event.kind == self._stage.target_kind
+        self._right_out += is_target and event.bay == RIGHT_BAY
 
 
 def selection_rows(
@@ -154,32 +158,33 @@ def selection_rows(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
+    # the same seeds for every method
     tasks = [
         SelectionTrial(condition=condition, method=method, seed=seed + number)
-        for condition in conditions
-        for method in methods
-        for number in range(trials)
+        for condition, method, number in product(conditions, methods, range(trials))
     ]
     scores = map_in_order(run, tasks, jobs=jobs, chunk=CHUNK, tick=tick)
+
+    # a row for each condition and method
     groups: dict[tuple[Condition, str], list[Score]] = defaultdict(list)
     for task, score in zip(tasks, scores, strict=True):
         groups[task.condition, task.method].append(score)
-    rows = [
-        SelectionTrialRow(
+    rows: list[SelectionTrialRow] = []
+    for (condition, method), own_scores in groups.items():
+        figures = figures_of(own_scores, per_package=condition.per_package)
+        row = SelectionTrialRow(
             bench=condition.bench,
             condition=condition.name,
             method=method,
-            figures=figures_of(scores, per_package=condition.per_package),
+            figures=figures,
             human=humans.get((condition.bench, condition.name), {}),
         )
-        for (condition, method), scores in groups.items()
-    ]
+        rows.append(row)
     return rows, differences_of(groups)
 
 
 def document(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference]) -> dict[str, Any]:
     """Return the document for `--json FILE`."""
-    return {
-        "rows": [row.as_json() for row in rows],
-        "differences": [difference.as_json() for difference in differences],
-    }
+    row_objects = [row.as_json() for row in rows]
+    difference_objects = [difference.as_json() for difference in differences]
+    return {"rows": row_objects, "differences": difference_objects}

@@ -77,7 +77,8 @@ def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
 
 def kinds_of(condition: Condition, rng: np.random.Generator) -> list[str]:
     """Return the kinds of its packages, with targets at random positions."""
-    kinds = [TARGET] * condition.targets + [OTHER] * (condition.packages - condition.targets)
+    others = condition.packages - condition.targets
+    kinds = [TARGET] * condition.targets + [OTHER] * others
     return [kinds[index] for index in rng.permutation(len(kinds))]
 
 
@@ -91,9 +92,13 @@ def room(name: str, kind: Literal["strip", "belt"]) -> tuple[Environment, Surfac
 def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     """Return packages spread over the ring as in the recordings: evenly, with random deviations."""
     environment, surfaces = room("lab", "strip")
+    # people know that packages come back: the last strip leads to the first
     ids = [strip.id for strip in environment.strips]
-    ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
-    environment = environment.model_copy(update={"links": ring})  # people know that packages come back
+    next_ids = [*ids[1:], ids[0]]
+    ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, next_ids, strict=True))
+    environment = environment.model_copy(update={"links": ring})
+
+    # deviations are such that neighbours stay `LAB_MIN_M` apart
     pitch_m = RING_M / condition.packages
     loose_m = (pitch_m - LAB_MIN_M) / 2.0
     positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
@@ -127,14 +132,18 @@ def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
         length_m=LENGTH_M,
         count=condition.packages,
     )
+    # time for the last package to be fed, and to leave after the longest way
+    feeding_s = condition.packages * interval_s
     way_m = sum(Polyline(belt.line_m).length_m for belt in environment.belts)
+    passage_s = way_m / condition.speed_mps
+    people = [person(index, PLACES_M[index], TARGET) for index in range(condition.users)]
     return TrialSetup(
         environment=environment,
         movers=_plant(environment, condition, {"entry": feeder}, rng),
-        people=[person(index, PLACES_M[index], TARGET) for index in range(condition.users)],
+        people=people,
         surfaces=surfaces,
         packages=condition.packages,
-        limit_s=condition.packages * interval_s + way_m / condition.speed_mps + REST_S,
+        limit_s=feeding_s + passage_s + REST_S,
     )
 
 

@@ -119,17 +119,22 @@ class World:
         self._lights = LightState(LedDriverConfig())
         self._selecting.on_map(environment)
         self._lights.on_map(environment)
+
+        # a generator for each person: their draws do not depend on what others do
         sequences = np.random.SeedSequence(list(seed)).spawn(len(people))
-        self._people = [
-            _Present(member, surfaces, np.random.default_rng(sequence))
-            for member, sequence in zip(people, sequences, strict=True)
-        ]
+        self._people: list[_Present] = []
+        for member, sequence in zip(people, sequences, strict=True):
+            rng = np.random.default_rng(sequence)
+            self._people.append(_Present(member, surfaces, rng))
         self._present: Mapping[str, _Present] = {present.name: present for present in self._people}
         self._step_ns = round(NS_PER_S / rates.imu_hz)
         self._objects_every_ns = round(NS_PER_S / rates.objects_hz)
         self._look_every_ns = round(NS_PER_S / rates.eyes_hz)
         self._rest_every_ns = round(NS_PER_S / rates.rest_hz)
-        self._objects_ns = self._look_ns = START_NS
+        self._objects_ns = START_NS
+        self._look_ns = START_NS
+
+        # people see the map and that they may point, before the first step
         for present in self._people:
             present.person.see(START_NS, environment, "")
             present.person.see(START_NS, present.profile, present.name)

@@ -18,8 +18,9 @@ STATURE_M = 1.835
 def scaled_body(stature_m: float) -> BodyMeasures:
     """Return the default body measures, scaled to a person `stature_m` tall."""
     factor = stature_m / STATURE_M
-    measures = BodyMeasures().model_dump()
-    return BodyMeasures.model_validate({name: value * factor for name, value in measures.items()})
+    defaults = BodyMeasures().model_dump()
+    measures = {name: value * factor for name, value in defaults.items()}
+    return BodyMeasures.model_validate(measures)
 
 
 def eye_height_m(body: BodyMeasures) -> float:

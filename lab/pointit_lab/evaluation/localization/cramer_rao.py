@@ -20,7 +20,7 @@ IEEE Transactions on Signal Processing 46(5), 1998.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,9 +90,9 @@ class _Errors:
 
     def rest(self, linearized: _Linearized) -> Array:
         """Return the errors (2 x m) of `linearized` without the constant ones."""
-        left = linearized.misses - linearized.slopes[:, :, BIAS:] @ self.constants
-        left[0] -= self.turned_rad
-        return left
+        rest = linearized.misses - linearized.slopes[:, :, BIAS:] @ self.constants
+        rest[0] -= self.turned_rad
+        return rest
 
 
 def median_bounds_m(trials: Sequence[LocalizationTrial]) -> list[float]:
@@ -100,21 +100,31 @@ def median_bounds_m(trials: Sequence[LocalizationTrial]) -> list[float]:
 
     NaN if the true yaw is unknown.
     """
-    found = [math.nan] * len(trials)
-    linear = {i: _linearized(trial) for i, trial in enumerate(trials) if trial.yaw_rad is not None}
+    bounds_m = [math.nan] * len(trials)
+    linear: dict[int, _Linearized] = {}
+    for number, trial in enumerate(trials):
+        if trial.yaw_rad is not None:
+            linear[number] = _linearized(trial)
     if not linear:
-        return found
-    place = 2.0 / max(float(np.mean([each.away_m**2 for each in linear.values()])), MIN_AWAY_M**2)
+        return bounds_m
+
+    # what is known of the place before any ray: about as far from the targets as people usually are
+    mean_square_m2 = float(np.mean([linearized.away_m**2 for linearized in linear.values()]))
+    place = 2.0 / max(mean_square_m2, MIN_AWAY_M**2)
+
+    # errors are those of a person in one recording
     groups: dict[tuple[str, ...], list[int]] = {}
-    for i, each in linear.items():
-        trial = trials[i]
-        scenario = "" if each.step_s else trial.condition  # acts at lamps: each number of lamps by itself
-        groups.setdefault((trial.subject, trial.recording, scenario), []).append(i)
+    for number, linearized in linear.items():
+        trial = trials[number]
+        scenario = (
+            "" if linearized.step_s else trial.condition
+        )  # acts at lamps: each number of lamps by itself
+        groups.setdefault((trial.subject, trial.recording, scenario), []).append(number)
     for numbers in groups.values():
-        errors = _errors([linear[i] for i in numbers])
-        for i in numbers:
-            found[i] = _median_m(linear[i], errors, place)
-    return found
+        errors = _errors([linear[number] for number in numbers])
+        for number in numbers:
+            bounds_m[number] = _median_m(linear[number], errors, place)
+    return bounds_m
 
 
 def _linearized(trial: LocalizationTrial) -> _Linearized:
@@ -122,18 +132,27 @@ def _linearized(trial: LocalizationTrial) -> _Linearized:
     means = summary.pointings
     hold = summary.hold.astype(np.intp)
     if summary.is_still:  # the bound takes visits of one lamp as independent
-        moves_m = np.abs(np.diff(means.targets_m, axis=0, prepend=means.targets_m[:1])).max(axis=1)
+        steps_m = np.diff(means.targets_m, axis=0, prepend=means.targets_m[:1])
+        moves_m = np.abs(steps_m).max(axis=1)
         hold = np.cumsum(moves_m > STILL_M)
+
+    # directions from the true place to the targets
     away = means.targets_m - (trial.x_m, trial.y_m, 0.0)
     away[:, 2] -= means.origins_m[:, 2]
     level_m = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-6)
     square = level_m**2 + away[:, 2] ** 2
     azimuths = np.arctan2(away[:, 1], away[:, 0])
     elevations = np.arctan2(away[:, 2], level_m)
+
+    # how far the rays miss them
     rays = means.directions
-    turned = np.arctan2(rays[:, 1], rays[:, 0]) + (trial.yaw_rad or 0.0) - azimuths
-    aside = np.remainder(turned + math.pi, math.tau) - math.pi
-    upwards = np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1])) - elevations
+    ray_azimuths = np.arctan2(rays[:, 1], rays[:, 0])
+    ray_elevations = np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1]))
+    turned = ray_azimuths + (trial.yaw_rad or 0.0) - azimuths
+    aside = _wrapped(turned)
+    upwards = ray_elevations - elevations
+
+    # derivatives of the misses by the parameters; sideways they shrink with the elevation
     flat = np.cos(elevations)
     middle = float(np.angle(np.exp(1j * azimuths).mean()))
     gradients = np.zeros((2, len(away), 3))  # of azimuth and elevation, by the target's place
@@ -147,7 +166,7 @@ def _linearized(trial: LocalizationTrial) -> _Linearized:
     slopes[0, :, 2] = -1.0
     slopes[1, :, BIAS] = 1.0
     slopes[1, :, ELEVATION_SLOPE] = elevations
-    slopes[0, :, AZIMUTH_SLOPE] = np.remainder(azimuths - middle + math.pi, math.tau) - math.pi
+    slopes[0, :, AZIMUTH_SLOPE] = _wrapped(azimuths - middle)
     slopes[:, :, LATENCY] = np.einsum("anp,np->an", gradients, summary.velocities_mps)
     slopes[0] *= flat[:, None]
     misses = np.stack([aside * flat, upwards])
@@ -155,42 +174,63 @@ def _linearized(trial: LocalizationTrial) -> _Linearized:
     if not summary.is_still:
         step_s = max(trial.pointings.span_s / len(hold), BLOCK_S)
         return _Linearized(misses, slopes, hold, step_s, trial.pointings.span_s, away_m)
-    count = np.bincount(hold).astype(np.float64)  # one error a lamp
-    misses = np.stack([np.bincount(hold, each) / count for each in misses])
-    mean = np.zeros((2, len(count), COLUMNS))
+
+    # one error a lamp: the mean over its visit
+    count = np.bincount(hold).astype(np.float64)
+    misses = np.stack([np.bincount(hold, miss) / count for miss in misses])
+    sums = np.zeros((2, len(count), COLUMNS))
     for axis in range(2):
-        np.add.at(mean[axis], hold, slopes[axis])
-    return _Linearized(misses, mean / count[:, None], np.zeros_like(hold[: len(count)]), 0.0, 0.0, away_m)
+        np.add.at(sums[axis], hold, slopes[axis])
+    mean_slopes = sums / count[:, None]
+    one_hold = np.zeros_like(hold[: len(count)])
+    return _Linearized(misses, mean_slopes, one_hold, step_s=0.0, span_s=0.0, away_m=away_m)
+
+
+def _wrapped(angles_rad: Array) -> Array:
+    """Return angles from -π to π."""
+    return np.remainder(angles_rad + math.pi, math.tau) - math.pi
 
 
 def _errors(linearized: Sequence[_Linearized]) -> _Errors:
     """Return the errors of a person from the longest of `linearized` whose blocks are short."""
-    short = [each for each in linearized if each.step_s <= SAME_STEP * BLOCK_S] or list(linearized)
-    longest_s = max(each.span_s for each in short)
-    chosen = [each for each in short if each.span_s >= LONG * longest_s]
-    slopes = np.concatenate([each.slopes[:, :, 2:].reshape(-1, COLUMNS - 2) for each in chosen])
-    misses = np.concatenate([each.misses.ravel() for each in chosen])
+    short = [trial for trial in linearized if trial.step_s <= SAME_STEP * BLOCK_S]
+    if not short:
+        short = list(linearized)
+    longest_s = max(trial.span_s for trial in short)
+    chosen = [trial for trial in short if trial.span_s >= LONG * longest_s]
+
+    # constant errors: least squares with a prior
+    slopes = np.concatenate([trial.slopes[:, :, 2:].reshape(-1, COLUMNS - 2) for trial in chosen])
+    misses = np.concatenate([trial.misses.ravel() for trial in chosen])
     scatter_rad = max(float(np.std(misses)), MIN_RAD)
     prior = np.append(0.0, LARGE_SIGMAS**-2.0)
     normal = slopes.T @ slopes / scatter_rad**2 + np.diag(prior)
-    turned, *constants = np.linalg.solve(normal, slopes.T @ misses / scatter_rad**2).tolist()
-    step_s = float(np.median([each.step_s for each in chosen]))
-    sideways = np.concatenate([each.slopes[0, :, 2] for each in chosen])
-    found = _Errors(np.array(constants), turned * float(sideways.mean()), step_s, np.ones((2, 1)))
-    return _Errors(found.constants, found.turned_rad, step_s, _correlation(chosen, found))
+    gradient = slopes.T @ misses / scatter_rad**2
+    turned, *constants = np.linalg.solve(normal, gradient).tolist()
+    step_s = float(np.median([trial.step_s for trial in chosen]))
+    sideways = np.concatenate([trial.slopes[0, :, 2] for trial in chosen])
+    turned_rad = turned * float(sideways.mean())
+
+    # the correlation of what they leave
+    constant = _Errors(np.array(constants), turned_rad, step_s, correlation=np.ones((2, 1)))
+    return replace(constant, correlation=_correlation(chosen, constant))
 
 
 def _correlation(linearized: Sequence[_Linearized], errors: _Errors) -> Array:
     """Return the autocorrelation (2 x lags) of the rest; the biased estimate, which is positive definite."""
     if not errors.step_s:
-        return _between(np.stack([errors.rest(each) for each in linearized]))
-    sums = np.zeros((2, max(int(np.bincount(each.hold).max()) for each in linearized)))
-    for each in linearized:
-        rest = errors.rest(each)
-        for hold in range(int(each.hold[-1]) + 1):
-            own = rest[:, each.hold == hold]
+        return _between(np.stack([errors.rest(trial) for trial in linearized]))
+    lags = max(int(np.bincount(trial.hold).max()) for trial in linearized)
+    sums = np.zeros((2, lags))
+    for trial in linearized:
+        rest = errors.rest(trial)
+        for hold in range(int(trial.hold[-1]) + 1):
+            own = rest[:, trial.hold == hold]
+            count = own.shape[1]
             for axis in range(2):
-                sums[axis, : own.shape[1]] += np.correlate(own[axis], own[axis], "full")[own.shape[1] - 1 :]
+                # "full" begins with the negative lags
+                products = np.correlate(own[axis], own[axis], "full")
+                sums[axis, :count] += products[count - 1 :]
     sums[:, 0] += MIN_RAD**2
     return np.asarray(sums / sums[:, :1], dtype=np.float64)
 
@@ -218,8 +258,9 @@ def _median_m(linearized: _Linearized, errors: _Errors, place: float) -> float:
         is_own = linearized.hold == hold
         for axis in range(2):
             alike = _alike(errors, axis, int(np.sum(is_own)), linearized.step_s)
+            error_covariance = squares[axis] * toeplitz(alike)
             slopes = columns[axis, is_own]
-            information += slopes.T @ _solved(squares[axis] * toeplitz(alike), slopes)
+            information += slopes.T @ _solved(error_covariance, slopes)
     covariance = np.linalg.inv(information)[:2, :2]
     return median_distance(np.linalg.eigvalsh(covariance).astype(np.float64))
 
@@ -233,7 +274,8 @@ def _alike(errors: _Errors, axis: int, count: int, step_s: float) -> Array:
     if step_s:
         lags_s = errors.step_s * np.arange(errors.correlation.shape[1], dtype=np.float64)
         apart_s = step_s * np.arange(count, dtype=np.float64)
-        alike = np.asarray(np.interp(apart_s, lags_s, errors.correlation[axis], right=0.0), dtype=np.float64)
+        interpolated = np.interp(apart_s, lags_s, errors.correlation[axis], right=0.0)
+        alike = np.asarray(interpolated, dtype=np.float64)
     else:
         alike = np.full(count, float(errors.correlation[axis, -1]))
     alike[0] = 1.0 + ROUNDING
@@ -250,4 +292,6 @@ def median_distance(variances: Array) -> float:
     spread = 2.0 * float(np.sum(variances**2))
     if spread == 0.0:
         return 0.0
-    return math.sqrt(float(gammaincinv(mean * mean / spread, 0.5)) * spread / mean)
+    shape = mean * mean / spread
+    median = float(gammaincinv(shape, 0.5))
+    return math.sqrt(median * spread / mean)

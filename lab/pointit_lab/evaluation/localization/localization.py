@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -81,7 +82,7 @@ def localization_rows(
     """
     tasks = list(_tasks(trials, baselines=baselines))
     solved = map_in_order(solve_task, tasks, jobs=jobs, chunk=CHUNK, tick=tick)
-    outcomes = [outcome for of_task in solved for outcome in of_task]
+    outcomes = list(chain.from_iterable(solved))
     return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
 
 
@@ -95,9 +96,12 @@ def _tasks(trials: Sequence[LocalizationTrial], *, baselines: bool) -> Iterator[
     seen: Counter[tuple[str, str]] = Counter()
     for trial, bound_m in zip(trials, _bounds(trials), strict=True):
         group = (trial.set, trial.condition)
-        with_others = baselines and seen[group] % math.ceil(sizes[group] / BASELINE_TRIALS) == 0
+        # baselines are slow: they run on some trials, evenly taken
+        stride = math.ceil(sizes[group] / BASELINE_TRIALS)
+        with_others = baselines and seen[group] % stride == 0
         seen[group] += 1
-        yield Task(trial=trial, bound_m=bound_m, solvers=tuple(SOLVERS) if with_others else (OURS,))
+        solvers = tuple(SOLVERS) if with_others else (OURS,)
+        yield Task(trial=trial, bound_m=bound_m, solvers=solvers)
 
 
 def _bounds(trials: Sequence[LocalizationTrial]) -> list[float]:
@@ -105,51 +109,58 @@ def _bounds(trials: Sequence[LocalizationTrial]) -> list[float]:
     sets: dict[str, list[int]] = {}
     for number, trial in enumerate(trials):
         sets.setdefault(trial.set, []).append(number)
-    found = [math.nan] * len(trials)
+    all_bounds_m = [math.nan] * len(trials)
     for numbers in sets.values():
-        for number, bound_m in zip(numbers, median_bounds_m([trials[i] for i in numbers]), strict=True):
-            found[number] = bound_m
-    return found
+        bounds_m = median_bounds_m([trials[number] for number in numbers])
+        for number, bound_m in zip(numbers, bounds_m, strict=True):
+            all_bounds_m[number] = bound_m
+    return all_bounds_m
 
 
 def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver) -> Outcome:
     """Return the outcome of `solver`, called `name`, on `trial`."""
     began_ns = time.process_time_ns()
-    found = solver(trial.pointings)
+    estimate = solver(trial.pointings)
     solve_ms = (time.process_time_ns() - began_ns) / 1e6
     key = Key.of(trial)
+
+    # what the running localizer takes of it, with its own rules for lamps and following
     taken_m = None
     if solver is ours:
         verdict = judged(trial.pointings)
         taken_m = off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
-    if isinstance(found, Refusal):
+
+    # a refusal counts with the error of the best fit
+    if isinstance(estimate, Refusal):
         best = solve(trial.pointings, ANY)
         return Outcome(
             key=key,
             solver=name,
             solve_ms=solve_ms,
-            refused=found.reason,
+            refused=estimate.reason,
             taken_m=taken_m,
             recording=trial.recording,
             start_s=trial.start_s,
             position_m=off_m(best, trial) if isinstance(best, Solution) else math.nan,
             bound_m=bound_m,
         )
+
+    # baselines state no sigma
     yaw_deg = math.nan
-    if trial.yaw_rad is not None and math.isfinite(found.yaw_rad):
-        yaw_deg = math.degrees(math.remainder(found.yaw_rad - trial.yaw_rad, math.tau))
+    if trial.yaw_rad is not None and math.isfinite(estimate.yaw_rad):
+        yaw_deg = math.degrees(math.remainder(estimate.yaw_rad - trial.yaw_rad, math.tau))
     sigma_m = math.nan
     yaw_sigma_deg = math.nan
     is_sure = True
-    if isinstance(found, Solution):
-        is_sure = LIMITS.accepts(found)
-        sigma_m = found.position_sigma_m
-        yaw_sigma_deg = math.degrees(found.yaw_sigma_rad)
+    if isinstance(estimate, Solution):
+        is_sure = LIMITS.accepts(estimate)
+        sigma_m = estimate.position_sigma_m
+        yaw_sigma_deg = math.degrees(estimate.yaw_sigma_rad)
     return Outcome(
         key=key,
         solver=name,
         solve_ms=solve_ms,
-        position_m=off_m(found, trial),
+        position_m=off_m(estimate, trial),
         yaw_deg=yaw_deg,
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
@@ -175,6 +186,6 @@ def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution 
         return held(pointings, settings)
     if pointings.span_s < MIN_SPAN_S:
         return Refusal(f"followed for less than {MIN_SPAN_S:g} s")
-    found = followed(pointings, settings)
-    wrong = mounting_fault(pointings, found, settings, 0.0)
-    return Refusal(wrong, found.residual_rad) if wrong else found
+    result = followed(pointings, settings)
+    fault = mounting_fault(pointings, result, settings, 0.0)
+    return Refusal(fault, result.residual_rad) if fault else result

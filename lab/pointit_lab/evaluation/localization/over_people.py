@@ -54,18 +54,26 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
         rows: of one set, with a row for each person.
         reference: the method with which others are compared, in the people that both have.
     """
+    # logarithms of the median errors of each person
     medians: dict[tuple[str, str, str], dict[str, float]] = {}
     for row in rows:
+        if row.subject == ALL:
+            continue
         for unit, spread in (("m", row.position_m), ("°", row.angle_deg)):
-            if row.subject != ALL and isinstance(spread, MetricSpread):
-                of = medians.setdefault((row.condition, row.solver, unit), {})
-                of[row.subject] = math.log(max(spread.median, MIN_P))
+            if isinstance(spread, MetricSpread):
+                by_person = medians.setdefault((row.condition, row.solver, unit), {})
+                by_person[row.subject] = math.log(max(spread.median, MIN_P))
+
+    # differences of logarithms are ratios, within a person
     over_people: list[OverPeople] = []
     for (condition, solver, unit), logs in medians.items():
         if len(logs) < MIN_PEOPLE:
             continue
-        others = {} if solver == reference else medians.get((condition, reference, unit), {})
-        differences = [logs[person] - others[person] for person in logs if person in others]
+        reference_logs: dict[str, float] = {}
+        if solver != reference:
+            reference_logs = medians.get((condition, reference, unit), {})
+        both = [person for person in logs if person in reference_logs]
+        differences = [logs[person] - reference_logs[person] for person in both]
         is_compared = len(differences) >= MIN_PEOPLE
         over_people.append(
             OverPeople(
@@ -85,12 +93,15 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
 def _interval(logs: Sequence[float]) -> Interval:
     mean = float(np.mean(logs))
     count = len(logs)
-    reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 1) * np.std(logs, ddof=1) / math.sqrt(count))
-    return Interval(value=math.exp(mean), low=math.exp(mean - reach), high=math.exp(min(mean + reach, 700.0)))
+    quantile = stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 1)
+    reach = float(quantile * np.std(logs, ddof=1) / math.sqrt(count))
+    # of more than 700, the exponential overflows
+    high = math.exp(min(mean + reach, 700.0))
+    return Interval(value=math.exp(mean), low=math.exp(mean - reach), high=high)
 
 
 def _without_one(logs: Sequence[float]) -> tuple[float, float]:
     total = sum(logs)
     count = len(logs)
-    means = [math.exp((total - each) / (count - 1)) for each in logs]
+    means = [math.exp((total - own) / (count - 1)) for own in logs]
     return min(means), max(means)

@@ -68,16 +68,15 @@ class Sessions:
 
     def rows(self) -> list[Row]:
         """Return the rows of poses and anchors as they were in the sessions."""
-        people = dict.fromkeys(user for user, _ in self.anchors)
-        groups = [(ALL, list(people)), *((user, [user]) for user in people)]
-        return [
-            *rows_of(self.outcomes),
-            *(
-                _anchors(name, [each for user, each in self.anchors if user in members])
-                for name, members in groups
-                if members
-            ),
-        ]
+        by_user: dict[str, list[Anchor]] = {}
+        for user, anchor in self.anchors:
+            by_user.setdefault(user, []).append(anchor)
+        rows = list(rows_of(self.outcomes))
+        if self.anchors:
+            rows.append(_anchors(ALL, [anchor for _, anchor in self.anchors]))
+        for user, anchors in by_user.items():
+            rows.append(_anchors(user, anchors))
+        return rows
 
 
 def read_sessions(paths: Sequence[Path], tick: Callable[[str], None] = lambda _: None) -> Sessions:
@@ -96,20 +95,27 @@ def read_sessions(paths: Sequence[Path], tick: Callable[[str], None] = lambda _:
         with Recording.open(path) as recording:
             if recording.problem:
                 sessions.notes.append(recording.problem)
-            keys = set(recording.counts)
-            entries = recording.entries(lambda key: any(_fits(row, key) for row in READ))
-            reader = _Reader({row.key: {row.name_in(key) for key in keys} for row in READ})
-            for entry in entries:
+            # who is in it is known before the first message
+            names: dict[str, set[str]] = {}
+            for topic in READ:
+                names[topic.key] = {topic.name_in(key) for key in recording.counts}
+            reader = _Reader(names)
+            for entry in recording.entries(_is_read):
                 reader.add(entry.name, entry.body)
-            if why := reader.end(sessions):
-                sessions.notes.append(f"{path}: {why}")
+            missing = reader.end(sessions)
+            if missing:
+                sessions.notes.append(f"{path}: {missing}")
     if not (sessions.trials or sessions.outcomes or sessions.anchors):
         raise ConfigError("; ".join(sessions.notes))
     return sessions
 
 
-def _fits(row: Topic[Any], key: str) -> bool:
-    return row.key == key or bool(row.name_in(key))
+def _is_read(key: str) -> bool:
+    return any(_fits(topic, key) for topic in READ)
+
+
+def _fits(topic: Topic[Any], key: str) -> bool:
+    return topic.key == key or bool(topic.name_in(key))
 
 
 class _Reader:
@@ -117,7 +123,8 @@ class _Reader:
 
     def __init__(self, names: Mapping[str, set[str]]) -> None:
         """Expect the people in `names`, by the key of a topic. Who has no rays gets them from their IMU."""
-        users = set[str]().union(*(names[row.key] for row in PEOPLE)) - {""}
+        users = set[str]().union(*(names[topic.key] for topic in PEOPLE))
+        users.discard("")
         self._people = {user: PersonInSession(user, LocalizerConfig()) for user in sorted(users)}
         self._rayed = names[RAY.key]
         self._arms: dict[str, ArmRay] = {}
@@ -146,10 +153,10 @@ class _Reader:
             sessions.trials += trials
             sessions.outcomes += _live(person, {trial.yaw_rad for trial in trials})
         sessions.anchors += self._anchors
-        true = [person for person in self._people.values() if len(person.truth)]
-        if not true and not self._anchors:
+        tracked = [person for person in self._people.values() if len(person.truth)]
+        if not tracked and not self._anchors:
             return UNTRUE
-        idle = [person.user for person in true if not person.was_localized]
+        idle = [person.user for person in tracked if not person.was_localized]
         return UNUSED.format(users=", ".join(idle)) if idle else ""
 
     def _on_message(self, name: str, body: object) -> None:
@@ -174,7 +181,10 @@ class _Reader:
             course = person.truth if person else self._targets.get(item.id)
             if course is not None:
                 course.add(message.stamp_ns, item.position_m)
-            if person and item.kind == PERSON_FRAME and item.yaw_rad is not None:
+            # the yaw of any other kind is not that of {H}
+            if person is None or item.kind != PERSON_FRAME:
+                continue
+            if item.yaw_rad is not None:
                 person.add_yaw(message.stamp_ns, item.yaw_rad)
 
     def _move(self, name: str, sample: ImuSample) -> None:
@@ -183,8 +193,8 @@ class _Reader:
         ray = self._arms.get(name, DEFAULT_ARM).ray(sample.orientation_xyzw)
         if ray is not None:
             origin_m, direction = ray
-            said = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin_m, direction=direction)
-            self._people[name].on_ray(said)
+            message = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin_m, direction=direction)
+            self._people[name].on_ray(message)
 
 
 def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterable[Outcome]:
@@ -192,35 +202,51 @@ def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterab
 
     The true yaw is the tracker's, or that of all the person's trials, `yaws_rad`, if it is the same.
     """
-    (usual_rad,) = yaws_rad if len(yaws_rad) == 1 else (None,)
+    common_yaw_rad = None
+    if len(yaws_rad) == 1:
+        (common_yaw_rad,) = yaws_rad
     for pose in person.poses.values():
         times_ns = np.array([pose.stamp_ns])
-        place = person.truth.at(times_ns)[0]
-        told = person.yaws.at(times_ns)[0]
-        if not np.isfinite(place).all():
+        place_m = person.truth.at(times_ns)[0]
+        if not np.isfinite(place_m).all():
             continue
-        yaw_rad = math.atan2(told[1], told[0]) if np.isfinite(told).all() else usual_rad
+
+        # errors
+        tracked_yaw = person.yaws.at(times_ns)[0]
+        yaw_rad = common_yaw_rad
+        if np.isfinite(tracked_yaw).all():
+            yaw_rad = math.atan2(tracked_yaw[1], tracked_yaw[0])
         yaw_deg = math.nan
         if yaw_rad is not None:
             yaw_deg = math.degrees(math.remainder(pose.yaw_rad - yaw_rad, math.tau))
+        x_error_m = pose.position_m[0] - place_m[0]
+        y_error_m = pose.position_m[1] - place_m[1]
+
+        # stated sigmas; rounding may leave a variance below zero
         covariance = np.array(pose.covariance).reshape(3, 3)
+        place_variances = np.linalg.eigvalsh(covariance[:2, :2])
+        place_variance = max(0.0, float(place_variances[-1]))
+        yaw_variance = max(0.0, float(covariance[2, 2]))
+        condition = pose.method.replace("_", " ")
         yield Outcome(
-            key=Key(set=SET, subject=person.user, condition=pose.method.replace("_", " ")),
+            key=Key(set=SET, subject=person.user, condition=condition),
             solver=LIVE,
-            position_m=math.hypot(pose.position_m[0] - place[0], pose.position_m[1] - place[1]),
+            position_m=math.hypot(x_error_m, y_error_m),
             yaw_deg=yaw_deg,
-            position_sigma_m=math.sqrt(max(0.0, float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))),
-            yaw_sigma_deg=math.degrees(math.sqrt(max(0.0, float(covariance[2, 2])))),
+            position_sigma_m=math.sqrt(place_variance),
+            yaw_sigma_deg=math.degrees(math.sqrt(yaw_variance)),
         )
 
 
 def _anchors(subject: str, anchors: Sequence[Anchor]) -> Row:
     """Return the row of the angles between rays and known places, in the pose before each anchor."""
-    upwards = [each.elevation_error_rad for each in anchors]
-    angles = [
-        math.hypot(each.azimuth_error_rad * math.hypot(*each.direction[:2]), each.elevation_error_rad)
-        for each in anchors
-    ]
+    upwards = [anchor.elevation_error_rad for anchor in anchors]
+    angles: list[float] = []
+    for anchor in anchors:
+        # an error of the azimuth is a smaller angle for a steep ray
+        level = math.hypot(*anchor.direction[:2])
+        sideways = anchor.azimuth_error_rad * level
+        angles.append(math.hypot(sideways, anchor.elevation_error_rad))
     return Row(
         set=SET,
         subject=subject,

@@ -40,9 +40,12 @@ class Course:
 
     def add(self, time_ns: int, values: tuple[float, ...]) -> None:
         """Add the values of a time that is later than the last; others are ignored."""
-        if len(self) < MAX_SAMPLES and (not self._times_ns or time_ns > self._times_ns[-1]):
-            self._times_ns.append(time_ns)
-            self._values.extend(values)
+        if len(self) >= MAX_SAMPLES:
+            return
+        if self._times_ns and time_ns <= self._times_ns[-1]:
+            return
+        self._times_ns.append(time_ns)
+        self._values.extend(values)
 
     @property
     def times_ns(self) -> NDArray[np.int64]:
@@ -60,13 +63,20 @@ class Course:
             return np.full((len(times_ns), self._width), math.nan)
         own_ns = self.times_ns
         values = self.values
-        found = np.empty((len(times_ns), self._width))
+        # relative times: nanoseconds since 1970 exceed the precision of floats
+        asked_ns = times_ns - own_ns[0]
+        known_ns = own_ns - own_ns[0]
+        interpolated = np.empty((len(times_ns), self._width))
         for axis in range(self._width):
-            found[:, axis] = np.interp(times_ns - own_ns[0], own_ns - own_ns[0], values[:, axis])
+            interpolated[:, axis] = np.interp(asked_ns, known_ns, values[:, axis])
+
+        # the neighbours of each time
         after = np.searchsorted(own_ns, times_ns).clip(0, len(own_ns) - 1)
-        apart_ns = np.abs(own_ns[np.stack([after, (after - 1).clip(0)])] - times_ns).min(axis=0)
-        found[apart_ns > GAP_S * NS_PER_S] = math.nan
-        return found
+        before = (after - 1).clip(0)
+        neighbours_ns = own_ns[np.stack([after, before])]
+        apart_ns = np.abs(neighbours_ns - times_ns).min(axis=0)
+        interpolated[apart_ns > GAP_S * NS_PER_S] = math.nan
+        return interpolated
 
 
 class PersonInSession:
@@ -91,7 +101,7 @@ class PersonInSession:
 
     @property
     def was_localized(self) -> bool:
-        """Return True if it is recorded what they pointed at to be localized, or a pose that was found."""
+        """Return True if pointing in order to be localized is recorded, or a pose that was found."""
         return bool(self._sessions or self.follows or self.poses)
 
     def on_pose(self, pose: UserPose) -> None:
@@ -124,9 +134,11 @@ class PersonInSession:
         """Add a ray if the person is being localized."""
         target = self._target[0]
         if target in self.follows:
-            self.follows[target].add(ray.stamp_ns, (*ray.origin_m, *unfiltered_rays.unfiltered(ray)))
+            direction = unfiltered_rays.unfiltered(ray)
+            self.follows[target].add(ray.stamp_ns, (*ray.origin_m, *direction))
         elif target:
-            self._sessions[self._since_ns][-1][0].add(ray)
+            hold, _ = self._sessions[self._since_ns][-1]
+            hold.add(ray)
 
     def trials(self, tracks: dict[str, Course]) -> Iterator[LocalizationTrial]:
         """Yield the trials whose truth is known. `tracks`: positions (3) of moving targets."""
@@ -134,7 +146,8 @@ class PersonInSession:
             if target in tracks:
                 yield from self._following(course, tracks[target])
         for holds in self._sessions.values():
-            if sum(bool(hold.rays) for hold, _ in holds) >= MIN_LAMPS:
+            lamps = sum(bool(hold.rays) for hold, _ in holds)
+            if lamps >= MIN_LAMPS:
                 yield from self._lamps(holds)
 
     def _following(self, course: Course, track: Course) -> Iterator[LocalizationTrial]:
@@ -142,7 +155,9 @@ class PersonInSession:
         rays = course.values
         targets = track.at(times_ns)
         heads = self.truth.at(times_ns)
-        fresh = np.append(True, np.any(np.diff(rays, axis=0) != 0.0, axis=1))
+        # repeated samples are old; the truth has gaps
+        is_new = np.any(np.diff(rays, axis=0) != 0.0, axis=1)
+        fresh = np.append(True, is_new)
         known = fresh & np.isfinite(targets).all(axis=1) & np.isfinite(heads).all(axis=1)
         if np.count_nonzero(known) < 2:
             return
@@ -150,19 +165,25 @@ class PersonInSession:
         rays = rays[known]
         targets = targets[known]
         heads = heads[known]
-        pointings = Pointings((times_ns - times_ns[0]) / NS_PER_S, rays[:, :3], rays[:, 3:], targets)
-        yield from FollowRecording(
+        stamps_s = (times_ns - times_ns[0]) / NS_PER_S
+        pointings = Pointings(stamps_s, rays[:, :3], rays[:, 3:], targets)
+        recording = FollowRecording(
             set=SET,
             subject=self.user,
             pointings=pointings,
             heads_m=heads,
             eye_height_m=float(rays[:, 2].mean()),
             yaw_rad=self._yaw_rad(times_ns, pointings, heads),
-        ).trials()
+        )
+        yield from recording.trials()
 
     def _lamps(self, holds: list[tuple[Hold, Vec3]]) -> Iterator[LocalizationTrial]:
-        rays = [ray for hold, _ in holds for ray in hold.rays]
-        places = np.array([place for hold, place in holds for _ in hold.rays], dtype=np.float64)
+        rays: list[PointingRay] = []
+        lamps_m: list[Vec3] = []
+        for hold, lamp_m in holds:
+            rays += hold.rays
+            lamps_m += [lamp_m] * len(hold.rays)
+        places = np.array(lamps_m, dtype=np.float64)
         times_ns = np.array([ray.stamp_ns for ray in rays], dtype=np.int64)
         heads = self.truth.at(times_ns)
         if not np.isfinite(heads).all():
@@ -190,8 +211,11 @@ class PersonInSession:
             yaw_rad = self.yaws.at(times_ns)
             yaw_rad = yaw_rad[np.isfinite(yaw_rad).all(axis=1)]
             if len(yaw_rad):
-                return math.atan2(float(yaw_rad[:, 1].mean()), float(yaw_rad[:, 0].mean()))
+                cosine = float(yaw_rad[:, 0].mean())
+                sine = float(yaw_rad[:, 1].mean())
+                return math.atan2(sine, cosine)
         away = pointings.targets_m - heads
         aims = pointings.directions
-        turned = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(aims[:, 1], aims[:, 0])
+        target_azimuths = np.arctan2(away[:, 1], away[:, 0])
+        turned = target_azimuths - np.arctan2(aims[:, 1], aims[:, 0])
         return math.atan2(float(np.sin(turned).mean()), float(np.cos(turned).mean()))

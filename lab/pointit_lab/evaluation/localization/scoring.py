@@ -1,7 +1,7 @@
 """From solved trials to rows of the table."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,73 +81,105 @@ def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
     for outcome in outcomes:
         if outcome.recording and outcome.taken_m is not None:
             for subject in (ALL, outcome.key.subject):
-                starts.setdefault((outcome.key.set, subject, outcome.solver), []).append(outcome)
-    return [row for names, group in starts.items() for row in _until_taken(*names, group)]
+                names = (outcome.key.set, subject, outcome.solver)
+                starts.setdefault(names, []).append(outcome)
+    rows: list[Row] = []
+    for names, group in starts.items():
+        rows += _until_taken(*names, group)
+    return rows
 
 
 def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Iterator[Row]:
     """Yield the row over the starts from which there are windows of `LONG_S`; each counts once."""
+    # length and error of the windows by their start
     by_start: dict[tuple[str, float], list[tuple[float, float]]] = {}
     for outcome in outcomes:
         length_s = float(outcome.key.condition.split()[0])
         taken_m = outcome.taken_m
         if taken_m is not None:
-            by_start.setdefault((outcome.recording, outcome.start_s), []).append((length_s, taken_m))
-    long = [of_start for of_start in by_start.values() if max(of_start)[0] >= LONG_S]
-    if not long:
+            start = (outcome.recording, outcome.start_s)
+            by_start.setdefault(start, []).append((length_s, taken_m))
+
+    # the shortest window that is taken; both are infinite if none is
+    first_taken: list[tuple[float, float]] = []
+    for windows in by_start.values():
+        longest_s, _ = max(windows)
+        if longest_s < LONG_S:
+            continue
+        taken_windows = [window for window in windows if math.isfinite(window[1])]
+        first_taken.append(min(taken_windows, default=(math.inf, math.inf)))
+    if not first_taken:
         return
-    first = [
-        min((each for each in of_start if math.isfinite(each[1])), default=(math.inf, math.inf))
-        for of_start in long
-    ]
-    until_s = float(np.median([length_s for length_s, _ in first]))
-    found = [taken_m for _, taken_m in first if math.isfinite(taken_m)]
+
+    until_s = float(np.median([length_s for length_s, _ in first_taken]))
+    errors_m = [taken_m for _, taken_m in first_taken if math.isfinite(taken_m)]
     yield Row(
         set=name,
         subject=subject,
         condition=UNTIL,
         solver=solver,
-        n=len(first),
-        taken=len(found) / len(first),
-        taken_m=MetricSpread.of(found),
+        n=len(first_taken),
+        taken=len(errors_m) / len(first_taken),
+        taken_m=MetricSpread.of(errors_m),
         until_taken_s=until_s if math.isfinite(until_s) else None,
     )
 
 
 def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
     accepted = [outcome for outcome in outcomes if not outcome.refused]
-    errors = np.array([outcome.position_m for outcome in accepted])
-    everything = np.array([outcome.position_m for outcome in outcomes])
-    sigmas = np.array([outcome.position_sigma_m for outcome in accepted])
-    turned = np.array([outcome.yaw_deg for outcome in accepted])
-    yaw_sigmas = np.array([outcome.yaw_sigma_deg for outcome in accepted])
-    bounds = [outcome.bound_m for outcome in accepted if math.isfinite(outcome.bound_m)]
-    takes = np.array([outcome.taken_m for outcome in outcomes if outcome.taken_m is not None])
-    taken_m = takes[np.isfinite(takes)]
-    states = len(accepted) > 0 and bool(np.all(np.isfinite(sigmas)))
+    errors_m = np.array([outcome.position_m for outcome in accepted])
+    all_errors_m = np.array([outcome.position_m for outcome in outcomes])
+    yaw_errors_deg = np.array([outcome.yaw_deg for outcome in accepted])
+    known_yaws = np.isfinite(yaw_errors_deg)
+    is_wrong = errors_m > WRONG_M
+
+    # what the running localizer takes; infinite where it refuses
+    takes_m = np.array([outcome.taken_m for outcome in outcomes if outcome.taken_m is not None])
+    is_taken = np.isfinite(takes_m)
+    taken_m = takes_m[is_taken]
+
+    # what is stated: only of a solver that states a sigma of every pose
+    sigmas_m = np.array([outcome.position_sigma_m for outcome in accepted])
+    yaw_sigmas_deg = np.array([outcome.yaw_sigma_deg for outcome in accepted])
+    misled = None
+    within_2_sigma = None
+    yaw_within_2_sigma = None
+    unsure = None
+    if len(accepted) > 0 and bool(np.all(np.isfinite(sigmas_m))):
+        misleads = is_wrong & (sigmas_m < SURE_M)
+        misled = float(np.sum(misleads)) / len(accepted)
+        within_2_sigma = _share(errors_m <= 2.0 * sigmas_m)
+        unsure = sum(not outcome.is_sure for outcome in accepted)
+        if np.all(known_yaws):
+            yaw_within_2_sigma = _share(np.abs(yaw_errors_deg) <= 2.0 * yaw_sigmas_deg)
+
+    times_ms = _finite(outcome.solve_ms for outcome in outcomes)
+    bounds_m = _finite(outcome.bound_m for outcome in accepted)
     return Row(
         set=name,
         subject=subject,
         condition=condition,
         solver=solver,
         n=len(outcomes),
-        position_m=MetricSpread.of(errors),
-        every_m=MetricSpread.of(everything[np.isfinite(everything)]),
-        yaw_deg=MetricSpread.of(turned[np.isfinite(turned)]),
-        share_above_1m=_share(errors > WRONG_M),
-        misled=float(np.sum((errors > WRONG_M) & (sigmas < SURE_M))) / len(accepted) if states else None,
-        within_2_sigma=_share(errors <= 2.0 * sigmas) if states else None,
-        yaw_within_2_sigma=_share(np.abs(turned) <= 2.0 * yaw_sigmas)
-        if states and np.all(np.isfinite(turned))
-        else None,
+        position_m=MetricSpread.of(errors_m),
+        every_m=MetricSpread.of(all_errors_m[np.isfinite(all_errors_m)]),
+        yaw_deg=MetricSpread.of(yaw_errors_deg[known_yaws]),
+        share_above_1m=_share(is_wrong),
+        misled=misled,
+        within_2_sigma=within_2_sigma,
+        yaw_within_2_sigma=yaw_within_2_sigma,
         refused=len(outcomes) - len(accepted),
-        taken=_share(np.isfinite(takes)),
+        taken=_share(is_taken),
         taken_m=MetricSpread.of(taken_m),
         taken_above_1m=_share(taken_m > WRONG_M),
-        unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
-        solve_ms=MetricSpread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
-        bound_m=float(np.median(bounds)) if bounds else None,
+        unsure=unsure,
+        solve_ms=MetricSpread.of(times_ms),
+        bound_m=float(np.median(bounds_m)) if bounds_m else None,
     )
+
+
+def _finite(values: Iterable[float]) -> list[float]:
+    return [value for value in values if math.isfinite(value)]
 
 
 def _share(hits: NDArray[np.bool_]) -> float | None:

@@ -64,12 +64,10 @@ class FollowRecording:
         after = np.clip(np.searchsorted(stamps_s, then_s), 1, len(stamps_s) - 1)
         within = (then_s >= stamps_s[0]) & (then_s <= stamps_s[-1])
         within &= stamps_s[after] - stamps_s[after - 1] <= GAP_S
-        targets_m = np.stack(
-            [np.interp(then_s, stamps_s, pointings.targets_m[:, axis]) for axis in range(3)], axis=1
-        )
-        return replace(
-            self, pointings=replace(pointings, targets_m=targets_m).only(within), heads_m=self.heads_m[within]
-        )
+        coordinates = [np.interp(then_s, stamps_s, pointings.targets_m[:, axis]) for axis in range(3)]
+        targets_m = np.stack(coordinates, axis=1)
+        shifted_pointings = replace(pointings, targets_m=targets_m)
+        return replace(self, pointings=shifted_pointings.only(within), heads_m=self.heads_m[within])
 
     def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[LocalizationTrial]:
         """Yield windows of each length, one every `STRIDE_S`; the truth is the mean position of the head.
@@ -81,6 +79,7 @@ class FollowRecording:
             last_s = float(stamps_s[-1]) - length_s + SLACK_S
             starts_s = _starts(stamps_s, length_s)
             starts_s = starts_s[starts_s < last_s + 1e-9]
+            # samples are not evenly spaced: windows are found by time
             begins, ends = np.searchsorted(stamps_s, (starts_s, starts_s + length_s))
             for start_s, begin, end in zip(starts_s.tolist(), begins.tolist(), ends.tolist(), strict=True):
                 part = slice(begin, end)

@@ -71,22 +71,26 @@ def drift_rows(
     Raises:
         ConfigError: If a file is damaged, the set is not present, or there is no data of these subjects.
     """
-    wanted = tuple(sets) or SETS
+    selected_sets = tuple(sets) or SETS
     rows: list[Row] = []
     folder = recordings / proximity_feedback.NAME
-    if folder.is_dir() and folder.name in wanted:
+    if proximity_feedback.NAME in selected_sets:
+        if not folder.is_dir():
+            raise ConfigError(f"{recordings}: has no folder {proximity_feedback.NAME}")
         tick("drift: reading recordings")
         rows += recorded_rows(read_floor_trials(folder), tick)
-    elif proximity_feedback.NAME in wanted:
-        raise ConfigError(f"{recordings}: has no folder {proximity_feedback.NAME}")
-    if drift_simulated.NAME in wanted:
+    if drift_simulated.NAME in selected_sets:
         tick(f"drift: {PEOPLE} simulated people")
         rows += simulated_rows(PEOPLE)
+
+    # subjects are known only from the rows
     known = dict.fromkeys(row.subject for row in rows)
     for subject in subjects:
         if subject not in known:
             raise ConfigError(f"{recordings}: has no subject {subject!r}; there are {', '.join(known)}")
-    return arranged(row for row in rows if not subjects or row.subject in subjects)
+    if subjects:
+        rows = [row for row in rows if row.subject in subjects]
+    return arranged(rows)
 
 
 def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> list[Row]:
@@ -95,23 +99,21 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
     chains = list(chained(runs))
     sigma_rad = hold_sigma_rad(runs)
     rows: list[Row] = []
-    predicted = {
-        condition: predictable(chains if condition == CHAINED else runs, anchors_s, told_s)
-        for condition, anchors_s, told_s in CONDITIONS
-    }
-    for condition, some in predicted.items():
+    for condition, anchors_s, predicted_s in CONDITIONS:
+        sequences = chains if condition == CHAINED else runs
+        drift_trials = predictable(sequences, anchors_s, predicted_s)
         tick(f"drift: {condition}")
-        rows += _rows(condition, some, sigma_rad)
+        rows += _rows(condition, drift_trials, sigma_rad)
     return rows
 
 
 def _rows(condition: str, trials: Sequence[DriftTrial], sigma_rad: float) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
-    by_solver = {
-        name: [(one, solver(one.course, one.anchors, one.told)) for one in trials]
-        for name, solver in SOLVERS.items()
-    }
+    by_solver: dict[str, list[tuple[DriftTrial, YawEstimate]]] = {}
+    for name, solver in SOLVERS.items():
+        by_solver[name] = [(trial, solver(trial.course, trial.anchors, trial.told)) for trial in trials]
+    # after all are solved: each is compared with the plain one
     for name, estimates in by_solver.items():
         rows += _solver_rows(condition, name, estimates, by_solver[PLAIN], sigma_rad)
     if trials:
@@ -128,23 +130,37 @@ def _solver_rows(
     plain_estimates: Sequence[tuple[DriftTrial, YawEstimate]],
     sigma_rad: float,
 ) -> list[Row]:
-    errors = [(one.course.subject, one.error_rad(guess), guess.sigma_rad) for one, guess in estimates]
+    subjects = [trial.course.subject for trial, _ in estimates]
+    errors_rad = [trial.error_rad(estimate) for trial, estimate in estimates]
+
+    # over people, as multiples of plain re-anchoring
+    times_plain = None
+    if estimates and solver != PLAIN:
+        plain_errors_rad = [trial.error_rad(estimate) for trial, estimate in plain_estimates]
+        times_plain = ratios(subjects, errors_rad, plain_errors_rad)
+
     rows: list[Row] = []
-    again = [one.error_rad(guess) for one, guess in plain_estimates]
-    over = ratios([s for s, _, _ in errors], [e for _, e, _ in errors], again) if estimates else None
-    for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
-        mine = [one for one in errors if subject in (one[0], ALL)]
-        inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
+    for subject in (*dict.fromkeys(subjects), ALL):
+        own_errors_rad: list[float] = []
+        within: list[bool] = []
+        for (trial, estimate), error_rad in zip(estimates, errors_rad, strict=True):
+            if subject not in {trial.course.subject, ALL}:
+                continue
+            own_errors_rad.append(error_rad)
+            # the predicted hold scatters, too
+            if estimate.sigma_rad is not None:
+                total_sigma_rad = math.hypot(estimate.sigma_rad, sigma_rad)
+                within.append(abs(error_rad) <= 2.0 * total_sigma_rad)
         rows.append(
             Row(
                 set=proximity_feedback.NAME,
                 subject=subject,
                 condition=condition,
                 solver=solver,
-                n=len(mine),
-                yaw_deg=MetricSpread.of(math.degrees(e) for _, e, _ in mine),
-                yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
-                times_plain=over if subject == ALL and solver != PLAIN else None,
+                n=len(own_errors_rad),
+                yaw_deg=MetricSpread.of(math.degrees(error_rad) for error_rad in own_errors_rad),
+                yaw_within_2_sigma=float(np.mean(within)) if within else None,
+                times_plain=times_plain if subject == ALL else None,
             )
         )
     return rows

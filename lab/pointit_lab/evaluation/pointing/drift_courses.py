@@ -42,12 +42,14 @@ class CourseHold:
     def turned(self, yaw_rad: float, later_s: float) -> "CourseHold":
         """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
         rest = self.rest
-        later_ns = round(later_s * NS_PER_S)
+        if rest is not None:
+            later_ns = round(later_s * NS_PER_S)
+            rest = replace(rest, stamp_ns=rest.stamp_ns + later_ns)
         return replace(
             self,
             at_s=self.at_s + later_s,
             direction_h=vector.rotate_z(self.direction_h, -yaw_rad),
-            rest=rest and replace(rest, stamp_ns=rest.stamp_ns + later_ns),
+            rest=rest,
         )
 
 
@@ -61,19 +63,20 @@ class HoldSequence:
     def nearest(self, at_s: float) -> int:
         """Return the index of the hold nearest to `at_s` after the first one."""
         start_s = self.holds[0].at_s
-        return min(range(len(self.holds)), key=lambda i: abs(self.holds[i].at_s - start_s - at_s))
+        distances_s = [abs(hold.at_s - start_s - at_s) for hold in self.holds]
+        return distances_s.index(min(distances_s))
 
 
 def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
     """Return the runs: the heading was measured again whenever the first target was repeated."""
-    out: list[HoldSequence] = []
+    runs: list[HoldSequence] = []
     held: list[CourseHold] = []
     seen: set[str] = set()
     subject = ""
     for trial in trials:
         if trial.subject != subject or trial.target_id in seen:
             if held:
-                out.append(HoldSequence(subject=subject, holds=tuple(held)))
+                runs.append(HoldSequence(subject=subject, holds=tuple(held)))
             held = []
             seen.clear()
             subject = trial.subject
@@ -82,8 +85,8 @@ def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
         if hold is not None:
             held.append(hold)
     if held:
-        out.append(HoldSequence(subject=subject, holds=tuple(held)))
-    return out
+        runs.append(HoldSequence(subject=subject, holds=tuple(held)))
+    return runs
 
 
 def chained(sequences: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
@@ -91,8 +94,8 @@ def chained(sequences: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
     people: dict[str, list[HoldSequence]] = {}
     for run in sequences:
         people.setdefault(run.subject, []).append(run)
-    for mine in people.values():
-        for order in permutations(mine[:MAX_CHAINED]):
+    for own_runs in people.values():
+        for order in permutations(own_runs[:MAX_CHAINED]):
             yield _joined(order)
 
 
@@ -101,9 +104,11 @@ def _joined(sequences: Sequence[HoldSequence]) -> HoldSequence:
     for run in sequences[1:]:
         last = chain.holds[-1]
         first = run.holds[0]
+        # its first hold falls on the last one before
         turn = last.yaw_rad - first.yaw_rad
         later_s = last.at_s - first.at_s
-        chain = replace(chain, holds=chain.holds + tuple(h.turned(turn, later_s) for h in run.holds[1:]))
+        later_holds = tuple(hold.turned(turn, later_s) for hold in run.holds[1:])
+        chain = replace(chain, holds=chain.holds + later_holds)
     return chain
 
 
@@ -115,8 +120,12 @@ def hold_sigma_rad(sequences: Sequence[HoldSequence]) -> float:
             share = (b.at_s - a.at_s) / (c.at_s - a.at_s)
             step = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
             bend = step - share * math.remainder(c.yaw_rad - a.yaw_rad, math.tau)
-            beside.append(bend / math.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
-    return MAD_TO_SIGMA * float(np.median(np.abs(beside))) if beside else 0.0
+            # standard deviation of the bend of three independent errors, of one sigma each
+            bend_sigma = math.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
+            beside.append(bend / bend_sigma)
+    if not beside:
+        return 0.0
+    return MAD_TO_SIGMA * float(np.median(np.abs(beside)))
 
 
 def _hold(trial: FloorTrial) -> CourseHold | None:
@@ -130,17 +139,25 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
     # the middle of the hold, whatever single samples do
     azimuth = float(np.median(azimuths))
     elevation = float(np.median(elevations))
+
+    # a still hold shows the drift of the yaw within it
     rest_detector = RestDetector()
-    rests = [
-        rest_detector.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
-        for a, e, t in zip(azimuths, elevations, stretch.times_s, strict=True)
-    ]
+    rests: list[RestYawRate | None] = []
+    for sample_azimuth, sample_elevation, time_s in zip(azimuths, elevations, stretch.times_s, strict=True):
+        orientation = rotation.from_azimuth_elevation(float(sample_azimuth), float(sample_elevation))
+        rests.append(rest_detector.add(orientation, round(float(time_s) * NS_PER_S)))
     rests.append(rest_detector.end())
-    about = np.hypot((azimuths - azimuth) * math.cos(elevation), elevations - elevation)
+    first_rest = None
+    for rest in rests:
+        if rest is not None:
+            first_rest = rest
+            break
+    sideways = (azimuths - azimuth) * math.cos(elevation)
+    about = np.hypot(sideways, elevations - elevation)
     return CourseHold(
         at_s=float(np.mean(stretch.times_s[[0, -1]])),
         target_m=(*trial.target_m, 0.0),
         direction_h=vector.direction(azimuth, elevation),
         spread_rad=float(np.median(about)),
-        rest=next((rest for rest in rests if rest is not None), None),
+        rest=first_rest,
     )

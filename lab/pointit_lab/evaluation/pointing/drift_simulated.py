@@ -92,24 +92,26 @@ class DriftingPerson:
         self._times = np.arange(steps + 1) * STEP_S
         self._drifts = np.append(0.0, np.cumsum(rates) * STEP_S)
         self._yaw_rad = float(rng.uniform(-math.pi, math.pi))
-        self.x_m, self.y_m = (float(v) for v in rng.uniform(-2.0, 2.0, 2))
+        self.x_m, self.y_m = (float(coordinate) for coordinate in rng.uniform(-2.0, 2.0, 2))
+
+        # own generator: people stay the same with and without a leap
         rng = np.random.default_rng([seed, 1])
         self._leap_rad = float(rng.uniform(*LEAP_RAD) * rng.choice((-1.0, 1.0)))
         self._leap_s = math.inf
         if person_model.leap == "at rest":
-            self._leap_s = float(
-                rng.choice(ANCHORS_S) - REST_PAUSE_S - rng.uniform(0.1, 0.9) * person_model.rest_s
-            )
+            anchor_s = rng.choice(ANCHORS_S)
+            rest_share = rng.uniform(0.1, 0.9)
+            self._leap_s = float(anchor_s - REST_PAUSE_S - rest_share * person_model.rest_s)
+        elif person_model.leap == "after the last anchor":
+            self._leap_s = float(rng.uniform(ANCHORS_S[1], LEARNING_S))
         elif person_model.leap:
-            is_late = person_model.leap == "after the last anchor"
-            self._leap_s = float(
-                rng.uniform(*((ANCHORS_S[1], LEARNING_S) if is_late else (0.0, ANCHORS_S[1])))
-            )
+            self._leap_s = float(rng.uniform(0.0, ANCHORS_S[1]))
 
     def yaw_rad(self, at_s: float) -> float:
         """Return the true yaw of {H} in {W}."""
         leaped_rad = self._leap_rad if at_s > self._leap_s else 0.0
-        return self._yaw_rad - float(np.interp(at_s, self._times, self._drifts)) + leaped_rad
+        drifted_rad = float(np.interp(at_s, self._times, self._drifts))
+        return self._yaw_rad - drifted_rad + leaped_rad
 
     def fix(self) -> Fix:
         """Return the localization at 0 s."""
@@ -117,7 +119,8 @@ class DriftingPerson:
         sigmas = np.array(
             [person_model.place_sigma_m, person_model.place_sigma_m, person_model.start_sigma_rad]
         )
-        x, y, yaw = np.array([self.x_m, self.y_m, self.yaw_rad(0.0)]) + sigmas * self._rng.standard_normal(3)
+        truth = np.array([self.x_m, self.y_m, self.yaw_rad(0.0)])
+        x, y, yaw = truth + sigmas * self._rng.standard_normal(3)
         return Fix(x_m=x, y_m=y, yaw_rad=yaw, covariance=np.diag(sigmas**2), stamp_ns=0)
 
     def pointing(self, at_s: float, beside_rad: float = 0.0) -> tuple[Vec3, Vec3]:
@@ -135,83 +138,104 @@ class DriftingPerson:
         target = (self.x_m + away * math.cos(around), self.y_m + away * math.sin(around), high)
         azimuth = around + rng.normal(0.0, person_model.azimuth_sigma_rad) + beside_rad
         if rng.random() < person_model.bent_arm_share:
-            azimuth += rng.uniform(*person_model.bent_arm_rad) * (1.0 if rng.random() < 0.5 else -1.0)
-        elevation = math.atan2(high - person_model.eye_m, away) + rng.normal(
-            0.0, person_model.elevation_sigma_rad
-        )
+            bend_rad = rng.uniform(*person_model.bent_arm_rad)
+            side = 1.0 if rng.random() < 0.5 else -1.0
+            azimuth += bend_rad * side
+        true_elevation = math.atan2(high - person_model.eye_m, away)
+        elevation = true_elevation + rng.normal(0.0, person_model.elevation_sigma_rad)
         return target, vector.direction(azimuth - self.yaw_rad(at_s), elevation)
 
     def rest(self, from_s: float) -> list[tuple[rotation.Quaternion, int]]:
         """Return the IMU's samples from `from_s` on, while the arm hangs down: orientation and time in ns."""
         person_model = self._ways
-        times = from_s + np.arange(round(person_model.rest_s * person_model.rest_hz)) / person_model.rest_hz
+        count = round(person_model.rest_s * person_model.rest_hz)
+        times = from_s + np.arange(count) / person_model.rest_hz
         yaw = self._wander(len(times), person_model.hold_yaw_sigma_rad)
         pitch = self._wander(len(times), person_model.hold_pitch_sigma_rad)
         noise = self._rng.normal(0.0, person_model.noise_rad, (2, len(times)))
         facing = float(self._rng.uniform(-math.pi, math.pi)) - self._yaw_rad
-        drifts = np.interp(times, self._times, self._drifts) - self._leap_rad * (times > self._leap_s)
-        return [
-            (
-                rotation.from_azimuth_elevation(float(facing + drift + y), float(p) - 1.4),
-                round(float(t) * NS_PER_S),
-            )
-            for t, drift, y, p in zip(times, drifts, yaw + noise[0], pitch + noise[1], strict=True)
-        ]
+        has_leaped = times > self._leap_s
+        drifts = np.interp(times, self._times, self._drifts) - self._leap_rad * has_leaped
+        yaw_noise = yaw + noise[0]
+        pitch_noise = pitch + noise[1]
+        samples: list[tuple[rotation.Quaternion, int]] = []
+        for time_s, drift, yaw_error, pitch_error in zip(times, drifts, yaw_noise, pitch_noise, strict=True):
+            azimuth = float(facing + drift + yaw_error)
+            orientation = rotation.from_azimuth_elevation(azimuth, float(pitch_error) - 1.4)
+            samples.append((orientation, round(float(time_s) * NS_PER_S)))
+        return samples
 
     def _wander(self, count: int, sigma_rad: float) -> Array:
         """Return a random walk with the correlation of people who hold still (Ornstein and Uhlenbeck)."""
         stays = math.exp(-1.0 / (self._ways.rest_hz * self._ways.correlation_s))
         kicks = self._rng.normal(0.0, sigma_rad * math.sqrt(1.0 - stays**2), count)
         kicks[0] = self._rng.normal(0.0, sigma_rad)
-        out = np.empty(count)
+        walk = np.empty(count)
         value = 0.0
         for i in range(count):
             value = stays * value + float(kicks[i])
-            out[i] = value
-        return out
+            walk[i] = value
+        return walk
 
 
 def simulated_rows(people: int, person_model: DriftPersonModel | None = None) -> list[Row]:
     """Return the rows of `people` simulated people, the same ones each time."""
-    person_model = person_model if person_model is not None else DriftPersonModel()
+    if person_model is None:
+        person_model = DriftPersonModel()
     rows: list[Row] = []
     after_s = (*ANCHORS_S, LEARNING_S)
     quiet = replace(person_model, rate_sigma_radps=math.radians(0.02))
+    scattering = replace(person_model, azimuth_sigma_rad=math.radians(5.0))
+    # name, times of the anchors, model, error of the second anchor
     conditions = [
         (USUAL, ANCHORS_S, person_model, 0.0),
         (f"{USUAL}, after it", after_s, person_model, 0.0),
-        (f"{USUAL}, 5° scatter", ANCHORS_S, replace(person_model, azimuth_sigma_rad=math.radians(5.0)), 0.0),
+        (f"{USUAL}, 5° scatter", ANCHORS_S, scattering, 0.0),
         (f"{USUAL}, quiet IMU", ANCHORS_S, quiet, 0.0),
         (WRONG_ANCHOR, ANCHORS_S, person_model, BESIDE_RAD),
         (f"{WRONG_ANCHOR}, after it", after_s, person_model, BESIDE_RAD),
     ]
     for leap in get_args(Leap)[1:]:
+        leaping = replace(person_model, leap=leap)
+        quiet_leaping = replace(quiet, leap=leap)
         conditions += [
-            (f"{USUAL}, leap {leap}", ANCHORS_S, replace(person_model, leap=leap), 0.0),
-            (f"{USUAL}, leap {leap}, after it", after_s, replace(person_model, leap=leap), 0.0),
-            (f"{USUAL}, quiet IMU, leap {leap}", ANCHORS_S, replace(quiet, leap=leap), 0.0),
+            (f"{USUAL}, leap {leap}", ANCHORS_S, leaping, 0.0),
+            (f"{USUAL}, leap {leap}, after it", after_s, leaping, 0.0),
+            (f"{USUAL}, quiet IMU, leap {leap}", ANCHORS_S, quiet_leaping, 0.0),
         ]
-    for condition, anchors_s, how, beside_rad in conditions:
-        outcomes = [outcome(seed, how, anchors_s, beside_rad) for seed in range(people)]
-        for solver in outcomes[0]:
-            mine = [one[solver] for one in outcomes]
-            again = [one[PLAIN][0] for one in outcomes]
-            over = ratios([str(seed) for seed in range(people)], [error for error, _ in mine], again)
-            inside = [abs(error) <= 2.0 * sigma for error, sigma in mine if sigma is not None]
-            rows.append(
-                Row(
-                    set=NAME,
-                    subject=ALL,
-                    condition=condition,
-                    solver=solver,
-                    n=people,
-                    yaw_deg=MetricSpread.of(math.degrees(error) for error, _ in mine),
-                    yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
-                    times_plain=None if solver == PLAIN else over,
-                )
-            )
-        rows.append(normal_row(NAME, condition, "bound", people, bound_rad(how, anchors_s)))
+    for condition, anchors_s, own_model, beside_rad in conditions:
+        outcomes = [outcome(seed, own_model, anchors_s, beside_rad) for seed in range(people)]
+        rows += [_solver_row(condition, solver, outcomes) for solver in outcomes[0]]
+        # no estimate without rests can be better
+        sigma_rad = bound_rad(own_model, anchors_s)
+        rows.append(normal_row(NAME, condition, "bound", people, sigma_rad))
     return rows
+
+
+def _solver_row(condition: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
+    errors_rad: list[float] = []
+    within: list[bool] = []
+    for person_outcome in outcomes:
+        error_rad, sigma_rad = person_outcome[solver]
+        errors_rad.append(error_rad)
+        if sigma_rad is not None:
+            within.append(abs(error_rad) <= 2.0 * sigma_rad)
+
+    times_plain = None
+    if solver != PLAIN:
+        names = [str(seed) for seed in range(len(outcomes))]
+        plain_errors_rad = [person_outcome[PLAIN][0] for person_outcome in outcomes]
+        times_plain = ratios(names, errors_rad, plain_errors_rad)
+    return Row(
+        set=NAME,
+        subject=ALL,
+        condition=condition,
+        solver=solver,
+        n=len(outcomes),
+        yaw_deg=MetricSpread.of(math.degrees(error_rad) for error_rad in errors_rad),
+        yaw_within_2_sigma=float(np.mean(within)) if within else None,
+        times_plain=times_plain,
+    )
 
 
 def outcome(
@@ -229,33 +253,44 @@ def outcome(
     fix = person.fix()
     plain = DriftFilter(fix)
     rested = DriftFilter(fix)
+    eyes_m = (0.0, 0.0, person_model.eye_m)
     anchors = [(0.0, fix.yaw_rad)]
     for number, at_s in enumerate(anchors_s):
+        # a rest before each anchor, which only one of the filters knows
         rest_detector = RestDetector()
         samples = person.rest(at_s - person_model.rest_s - REST_PAUSE_S)
-        for rest in (*(rest_detector.add(*sample) for sample in samples), rest_detector.end()):
+        rests = [rest_detector.add(*sample) for sample in samples]
+        rests.append(rest_detector.end())
+        for rest in rests:
             if rest is not None:
                 rested.update_rest_rate(
                     rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
                 )
-        target, direction = person.pointing(at_s, jump_rad if number == 1 else 0.0)
+
+        # the anchor, which both know
+        beside_rad = jump_rad if number == 1 else 0.0
+        target, direction = person.pointing(at_s, beside_rad)
+        at_ns = round(at_s * NS_PER_S)
         for drift in (plain, rested):
-            drift.update_anchor(
-                round(at_s * NS_PER_S), target, (0.0, 0.0, person_model.eye_m), direction,
-                spread_rad=person_model.hold_yaw_sigma_rad,
-            )  # fmt: skip
+            drift.update_anchor(at_ns, target, eyes_m, direction, spread_rad=person_model.hold_yaw_sigma_rad)
         seen = vector.azimuth((target[0] - fix.x_m, target[1] - fix.y_m, 0.0))
         anchors.append((at_s, seen - vector.azimuth(direction)))
-    (first_s, first), (last_s, last) = anchors[0], anchors[-1]
-    pose, better = (drift.predict(round(LEARNING_S * NS_PER_S)) for drift in (plain, rested))
-    truth = person.yaw_rad(LEARNING_S)
+
+    # predictions of the yaw later
+    learning_ns = round(LEARNING_S * NS_PER_S)
+    pose = plain.predict(learning_ns)
+    rested_pose = rested.predict(learning_ns)
+    first_s, first = anchors[0]
+    last_s, last = anchors[-1]
     rate = math.remainder(last - first, math.tau) / (last_s - first_s)
+    extrapolated = last + rate * (LEARNING_S - last_s)
+    truth = person.yaw_rad(LEARNING_S)
     return {
         "raw": (_wrap(first - truth), None),
         "re-anchored": (_wrap(last - truth), None),
-        "re-anchored, constant rate": (_wrap(last + rate * (LEARNING_S - last_s) - truth), None),
+        "re-anchored, constant rate": (_wrap(extrapolated - truth), None),
         "pointit": (_wrap(pose.yaw_rad - truth), pose.yaw_sigma_rad),
-        "pointit, rests": (_wrap(better.yaw_rad - truth), better.yaw_sigma_rad),
+        "pointit, rests": (_wrap(rested_pose.yaw_rad - truth), rested_pose.yaw_sigma_rad),
     }
 
 
@@ -265,7 +300,8 @@ def bound_rad(person_model: DriftPersonModel, anchors_s: Sequence[float]) -> flo
     For a constant rate with the prior of IMUs, and anchors with independent errors. Rate walk, bent arms
     and an unknown position would increase it.
     """
-    information = np.diag([1.0 / person_model.start_sigma_rad**2, 1.0 / person_model.rate_sigma_radps**2])
+    prior = [1.0 / person_model.start_sigma_rad**2, 1.0 / person_model.rate_sigma_radps**2]
+    information = np.diag(prior)
     for at_s in anchors_s:
         slope = np.array([1.0, at_s])
         information += np.outer(slope, slope) / person_model.azimuth_sigma_rad**2

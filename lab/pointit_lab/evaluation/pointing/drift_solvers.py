@@ -62,7 +62,8 @@ def predictable(
     for holds in sequences:
         known_holds = holds.nearest(known_s)
         anchors = tuple(sorted({holds.nearest(at_s) for at_s in anchors_s}))
-        away_s = holds.holds[known_holds].at_s - holds.holds[0].at_s - known_s
+        known_hold = holds.holds[known_holds]
+        away_s = known_hold.at_s - holds.holds[0].at_s - known_s
         if anchors[-1] < known_holds and abs(away_s) <= 0.25 * known_s:
             trials.append(DriftTrial(holds, anchors, known_holds))
     return trials
@@ -99,18 +100,20 @@ def filtered(
     rests: bool = True,
 ) -> YawEstimate:
     """Return the prediction of `DriftFilter` with these settings, with or without rests."""
+    # the first hold fixes the yaw; an azimuth is less certain if the ray is steep
     first = holds.holds[0]
     level = math.cos(vector.elevation(first.direction_h))
-    drift = DriftFilter(
-        Fix(
-            x_m=0.0,
-            y_m=0.0,
-            yaw_rad=first.yaw_rad,
-            covariance=np.diag([PLACE_SIGMA_M, PLACE_SIGMA_M, settings.anchor_sigma_rad / level]) ** 2,
-            stamp_ns=round(first.at_s * NS_PER_S),
-        ),
-        settings,
+    sigmas = [PLACE_SIGMA_M, PLACE_SIGMA_M, settings.anchor_sigma_rad / level]
+    fix = Fix(
+        x_m=0.0,
+        y_m=0.0,
+        yaw_rad=first.yaw_rad,
+        covariance=np.diag(sigmas) ** 2,
+        stamp_ns=round(first.at_s * NS_PER_S),
     )
+    drift = DriftFilter(fix, settings)
+
+    # what is known before the hold to predict: its own rest is not
     for number, hold in enumerate(holds.holds[:known_holds]):
         if number in anchors[1:]:
             drift.update_anchor(
@@ -125,7 +128,8 @@ def filtered(
             drift.update_rest_rate(
                 rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
             )
-    pose: DriftPose = drift.predict(round(holds.holds[known_holds].at_s * NS_PER_S))
+    predicted_s = holds.holds[known_holds].at_s
+    pose: DriftPose = drift.predict(round(predicted_s * NS_PER_S))
     return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)
 
 
@@ -151,23 +155,29 @@ def ratios(
     names = list(dict.fromkeys(people))
     if len(names) < MIN_PEOPLE:
         return None
+    # absolute errors, 2 x people x their trials, filled up with NaN
     sizes = np.abs(np.array([errors, plain], dtype=np.float64))
     trials = [np.flatnonzero(np.array(people) == name) for name in names]
-    grid = np.full((2, len(names), max(map(len, trials))), np.nan)
-    for row, mine in enumerate(trials):
-        grid[:, row, : len(mine)] = sizes[:, mine]
+    most_trials = max(map(len, trials))
+    grid = np.full((2, len(names), most_trials), np.nan)
+    for row, own_trials in enumerate(trials):
+        grid[:, row, : len(own_trials)] = sizes[:, own_trials]
+
+    # whole people are drawn: the trials of one are not independent
     drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLED, len(names)))
     resampled = np.sort(grid[:, drawn].reshape(2, RESAMPLED, -1))  # nan last
     last = np.isfinite(resampled).sum(axis=2, keepdims=True) - 1
-    both: list[Interval] = []
+
+    # quantiles of the drawn people, each with their own number of trials
+    intervals: list[Interval] = []
     for share in (0.5, 0.9):
         ours, others = np.quantile(sizes, share, axis=1)
         below, rest = np.divmod(share * last, 1.0)  # as `np.nanquantile` does, which takes a row at a time
-        smallest, next_ = (
-            np.take_along_axis(resampled, np.minimum(below.astype(np.int64) + more, last), axis=2)[:, :, 0]
-            for more in (0, 1)
-        )
-        redrawn = smallest + rest[:, :, 0] * (next_ - smallest)
-        low, high = np.quantile(redrawn[0] / redrawn[1], (0.025, 0.975))
-        both.append(Interval(value=float(ours / others), low=float(low), high=float(high)))
-    return both[0], both[1]
+        lower_index = np.minimum(below.astype(np.int64), last)
+        upper_index = np.minimum(below.astype(np.int64) + 1, last)
+        lower = np.take_along_axis(resampled, lower_index, axis=2)[:, :, 0]
+        upper = np.take_along_axis(resampled, upper_index, axis=2)[:, :, 0]
+        quantiles = lower + rest[:, :, 0] * (upper - lower)
+        low, high = np.quantile(quantiles[0] / quantiles[1], (0.025, 0.975))
+        intervals.append(Interval(value=float(ours / others), low=float(low), high=float(high)))
+    return intervals[0], intervals[1]

@@ -64,25 +64,29 @@ def room_of_lamps(rng: np.random.Generator) -> Array:
     while len(lamps) < LAMPS:
         azimuth = math.radians(float(rng.uniform(-70.0, 70.0)))
         distance_m = float(rng.uniform(2.0, 4.5))
-        lamp = [distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), float(rng.uniform(0.5, 2.3))]
+        height_m = float(rng.uniform(0.5, 2.3))
+        lamp = [distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), height_m]
         seen = angles(np.array([*lamps, lamp]), (0.0, 0.0, EYES_M))
-        if all(np.hypot(*(each - seen[-1])) > MIN_APART_RAD for each in seen[:-1]):
+        if all(np.hypot(*(other - seen[-1])) > MIN_APART_RAD for other in seen[:-1]):
             lamps.append(lamp)
     return np.array(lamps)
 
 
 def run(seed: int, skill: float | None) -> Result:
     """Return the result of one person in one room; `skill` as of `user-sim`, None: random."""
+    # the person, the IMU and the way to the second place, drawn in this order
     rng = np.random.default_rng(seed)
     own_skill = float(rng.random()) if skill is None else skill
     lamps_m = room_of_lamps(rng)
     error = OpenLoopError(AimConfig(), own_skill, rng)
-    drift_radps = math.radians(WristbandConfig().yaw_rate_bias_sd_degps * float(rng.standard_normal()))
+    drift_degps = WristbandConfig().yaw_rate_bias_sd_degps * float(rng.standard_normal())
+    drift_radps = math.radians(drift_degps)
     eyes_m = EYES_M + EYES_SIGMA_M * float(rng.standard_normal())
     walk_m = WALK_M + WALK_SIGMA_M * float(rng.standard_normal())
     walk_rad = math.pi / 2.0 + WALK_AZIMUTH_SIGMA_RAD * float(rng.standard_normal())
     second_m = (walk_m * math.cos(walk_rad), walk_m * math.sin(walk_rad))
 
+    # a press at each lamp from both places, while the yaw drifts
     rays: list[TargetRay] = []
     time_s = 0.0
     for place, place_m in ((FIRST, (0.0, 0.0)), (SECOND, second_m)):
@@ -118,8 +122,9 @@ def judged(  # noqa: PLR0917 - the truth, and what is known of it
         off[:, 0] = np.remainder(off[:, 0] + math.pi, math.tau) - math.pi
         heading = float(np.median(off[:, 0]))  # found again by pointing at a lamp
         off[:, 0] -= heading
-        level = np.cos(seen[:, 1])
-        result.errors_deg.append(np.degrees(np.hypot(off[:, 0] * level, off[:, 1])).tolist())
+        sideways = off[:, 0] * np.cos(seen[:, 1])
+        errors_deg = np.degrees(np.hypot(sideways, off[:, 1]))
+        result.errors_deg.append(errors_deg.tolist())
         _select(result, seen + np.array([heading, 0.0]), mapped, error, rng)
     return result
 
@@ -136,12 +141,14 @@ def _select(
             away = np.hypot(*(mapped - aim).T)
             meant = int(np.argmin(away))
             is_lapse = float(rng.random()) < DecisionConfig().lapse_share
-            if away[meant] <= CAPTURE_RAD and (meant == index or is_lapse):
+            is_captured = away[meant] <= CAPTURE_RAD
+            is_confirmed = meant == index or is_lapse
+            if is_captured and is_confirmed:
                 result.confirmed += meant == index
                 result.wrong += meant != index
                 break
             # the name of another lamp says which way to go, silence lets them look for the lamp's own light
-            step = lamp - seen[meant] if away[meant] <= CAPTURE_RAD else mapped[index] - aim
+            step = lamp - seen[meant] if is_captured else mapped[index] - aim
             aim = aim + step + CORRECTED_SIGMA_RAD * rng.standard_normal(2)
 
 

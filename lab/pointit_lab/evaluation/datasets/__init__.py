@@ -27,23 +27,25 @@ def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[
         ConfigError: If a file is damaged, no set is present, or there is no data of these subjects.
     """
     reading = TrialReading()
-    wanted = tuple(names) or tuple(SETS)
-    there = [name for name in wanted if (recordings / name).is_dir()]
-    if not there:
-        raise ConfigError(f"{recordings}: has none of the folders {', '.join(wanted)}")
-    for name in wanted:
-        if name in there:
+    selected_sets = tuple(names) or tuple(SETS)
+    present = [name for name in selected_sets if (recordings / name).is_dir()]
+    if not present:
+        raise ConfigError(f"{recordings}: has none of the folders {', '.join(selected_sets)}")
+    for name in selected_sets:
+        if name in present:
             SETS[name](recordings / name, reading)
         else:
             reading.skip(recordings / name, "there is no such folder")
+
+    # subjects are known only from the trials
     known = dict.fromkeys(trial.subject for trial in reading.trials)
-    unknown_subjects = [subject for subject in subjects if subject not in known]
-    if unknown_subjects:
-        raise ConfigError(
-            f"{recordings}: has no subject {unknown_subjects[0]!r}; there are {', '.join(known) or 'none'}"
-        )
+    for subject in subjects:
+        if subject not in known:
+            known_names = ", ".join(known) or "none"
+            raise ConfigError(f"{recordings}: has no subject {subject!r}; there are {known_names}")
     if subjects:
         reading.trials = [trial for trial in reading.trials if trial.subject in subjects]
     if not reading.trials:
-        raise ConfigError(f"{recordings}: has nothing to evaluate: {'; '.join(reading.notes) or 'no trials'}")
+        reasons = "; ".join(reading.notes) or "no trials"
+        raise ConfigError(f"{recordings}: has nothing to evaluate: {reasons}")
     return reading

@@ -65,7 +65,9 @@ class BeltRun:
     @property
     def completion_s(self) -> float | None:
         """Return the time of the last target's final selection, or None if some were not selected."""
-        return None if self.missed or not self.toggles else self.toggles[-1].at_s
+        if self.missed or not self.toggles:
+            return None
+        return self.toggles[-1].at_s
 
 
 def read_runs(folder: Path) -> list[BeltRun]:
@@ -81,8 +83,12 @@ def read_runs(folder: Path) -> list[BeltRun]:
 def _run(path: Path, line: int, run: _Run) -> BeltRun:
     check_text(f"{path}, line {line}, 'subject'", run.subject)
     check_samples(path, line, run.t)
-    toggles = [toggle for package in run.packages for toggle in _toggles(path, line, run, package)]
+    toggles: list[Toggle] = []
+    for package in run.packages:
+        toggles += _toggles(path, line, run, package)
+    toggles.sort(key=lambda toggle: toggle.at_s)
     targets = [package for package in run.packages if package.target]
+    missed = sum(package.selected[-1][1] == 0 for package in targets)
     return BeltRun(
         subject=run.subject,
         interface=run.interface,
@@ -91,8 +97,8 @@ def _run(path: Path, line: int, run: _Run) -> BeltRun:
         speed_mps=run.belt_speed_mps,
         packages=len(run.packages),
         targets=len(targets),
-        missed=sum(package.selected[-1][1] == 0 for package in targets),
-        toggles=tuple(sorted(toggles, key=lambda toggle: toggle.at_s)),
+        missed=missed,
+        toggles=tuple(toggles),
     )
 
 
@@ -100,7 +106,8 @@ def _toggles(path: Path, line: int, run: _Run, package: _Package) -> list[Toggle
     toggles: list[Toggle] = []
     for (before, was), (index, state) in pairwise(package.selected):
         # some files have a change after the last sample: count it at the end of the recording
-        if index < before or index > len(run.t) or state == was:
+        is_in_order = before <= index <= len(run.t)
+        if not is_in_order or state == was:
             raise ConfigError(
                 f"{path}, line {line}: packages, uid {package.uid}, selected: changes of state in order, "
                 f"within the {len(run.t)} samples, were expected, got {[index, state]} after "

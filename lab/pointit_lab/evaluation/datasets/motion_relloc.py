@@ -40,9 +40,8 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: TrialReading)
         reading.skip(path, "it has no positions of robot and head")
         return
     check_times(path, recorded.t_s)
-    is_whole = np.isfinite(np.hstack([recorded.orientation_xyzw, recorded.robot_m, recorded.head_m])).all(
-        axis=1
-    )
+    samples = np.hstack([recorded.orientation_xyzw, recorded.robot_m, recorded.head_m])
+    is_whole = np.isfinite(samples).all(axis=1)
     t_s = recorded.t_s[is_whole]
     orientation_xyzw = recorded.orientation_xyzw[is_whole]
     robot_m = recorded.robot_m[is_whole]
@@ -50,9 +49,11 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: TrialReading)
     check_reach(path, robot_m, head_m, "robot ('robot_x', …) and head ('head_x', …)")
     arm = ArmFrame(MOUNTINGS[MOUNTING])
     # the radio data, 50 Hz with gaps, was resampled to 30 Hz: repeated samples are old
-    fresh = np.append(True, np.any(np.diff(orientation_xyzw, axis=0) != 0.0, axis=1))
+    is_new = np.any(np.diff(orientation_xyzw, axis=0) != 0.0, axis=1)
+    fresh = np.append(True, is_new)
     sensors: list[Quaternion] = [tuple(row) for row in orientation_xyzw[fresh].tolist()]
-    origins_m, directions = eye_finger_rays((arm.orientation(each) for each in sensors), OPERATOR)
+    arms = (arm.orientation(sensor) for sensor in sensors)
+    origins_m, directions = eye_finger_rays(arms, OPERATOR)
     following = FollowRecording(
         set=NAME,
         subject=subject,

@@ -39,6 +39,8 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
         raise ConfigError(
             f"{path}, {name}: time goes backwards, {times_s[i + 1]:g} after {times_s[i]:g}; sort the rows"
         )
+
+    # most often they are milliseconds or nanoseconds
     span_s = float(times_s[-1] - times_s[0])
     if span_s > LONGEST_S:
         raise ConfigError(
@@ -94,7 +96,9 @@ def check_floor(path: Path, points_m: Array, names: str) -> None:
     Raises:
         ConfigError: If most are too far away.
     """
-    away_m = float(np.median(np.hypot(points_m[:, 0], points_m[:, 1]))) if len(points_m) else 0.0
+    if not len(points_m):
+        return
+    away_m = float(np.median(np.hypot(points_m[:, 0], points_m[:, 1])))
     if away_m > FARTHEST_M:
         raise ConfigError(
             f"{path}, {names}: half of the points on the floor are farther than {away_m:g} m away, and at "

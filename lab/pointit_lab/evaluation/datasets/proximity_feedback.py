@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
@@ -72,8 +73,11 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
     table = read_table(path, numbers=("trial", *_SAME, "t", "x", "y"), texts=("target_id", "phase"))
     points_m = table.vectors("x", "y")
     check_floor(path, points_m, "columns 'x', 'y'")
+
+    # trials follow each other; a number that comes again is a mistake
     numbers = table.numbers["trial"]
-    edges = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
+    changes = np.flatnonzero(np.diff(numbers)) + 1
+    edges = [0, *changes.tolist(), len(table)]
     seen: set[int] = set()
     start_s = 0.0
     for first, end in pairwise(edges):
@@ -93,11 +97,13 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
                 f"column 'trial_len_samples': {length_s * SAMPLE_HZ:g} samples last {length_s:g} s, but the "
                 f"phases of the trial last {recorded_s:g} s by column 't'; is it in seconds?",
             )
+        target_x_m = float(table.numbers["target_x"][first])
+        target_y_m = float(table.numbers["target_y"][first])
         yield FloorTrial(
             subject=subject,
             number=number,
             target_id=table.texts["target_id"][first],
-            target_m=(float(table.numbers["target_x"][first]), float(table.numbers["target_y"][first])),
+            target_m=(target_x_m, target_y_m),
             start_s=start_s,
             phases=stretches,
         )
@@ -106,15 +112,18 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
 
 def _length_s(table: Table, first: int, end: int) -> float:
     """Return the duration of the trial in rows `first` to `end`, s, after checking that all rows agree."""
-    for name, values in (*((name, table.numbers[name]) for name in _SAME), ("target_id", None)):
-        row = np.array(table.texts[name][first:end]) if values is None else values[first:end]
-        others = np.flatnonzero(row != row[0])
+    columns: dict[str, NDArray[Any]] = {name: table.numbers[name][first:end] for name in _SAME}
+    columns["target_id"] = np.array(table.texts["target_id"][first:end])
+    for name, values in columns.items():
+        others = np.flatnonzero(values != values[0])
         if len(others):
             raise table.refuse(
                 first + int(others[0]),
-                f"column {name!r}: {row[others[0]]} was expected to be {row[0]}, as in the other rows of the "
-                "trial",
+                f"column {name!r}: {values[others[0]]} was expected to be {values[0]}, as in the other rows "
+                "of the trial",
             )
+
+    # so the first row has the values of all
     target_m = np.hypot(table.numbers["target_x"][first], table.numbers["target_y"][first])
     if not NEAREST_M <= target_m <= FARTHEST_M:
         raise table.refuse(
@@ -151,7 +160,9 @@ def _phases(
                 f"column 'phase': {name} comes after {PHASES[last]}; keep the order {', '.join(PHASES)}",
             )
         last = rank
-    out: dict[Phase, Stretch] = {}
+
+    # each phase counts its seconds from 0, a sample after the one before
+    stretches: dict[Phase, Stretch] = {}
     begins_s = start_s
     for phase in dict.fromkeys(names):
         rows = first + np.flatnonzero(np.array(names) == phase)
@@ -167,6 +178,7 @@ def _phases(
             raise table.refuse(
                 int(rows[0]), f"column 't': seconds since {phase} began were expected, got {times[0]:g}"
             )
-        out[cast("Phase", phase)] = Stretch(times_s=begins_s + times, points_m=points_m[rows])
+        stretch = Stretch(times_s=begins_s + times, points_m=points_m[rows])
+        stretches[cast("Phase", phase)] = stretch
         begins_s += float(times[-1]) + 1.0 / SAMPLE_HZ
-    return out, begins_s - start_s
+    return stretches, begins_s - start_s

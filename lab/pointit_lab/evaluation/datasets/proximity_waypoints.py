@@ -54,8 +54,11 @@ def _add(folder: Path, path: Path, entry: Entry, reading: TrialReading) -> None:
     robots_m = table.vectors("robot_x", "robot_y", "robot_z")
     heads_m = table.vectors("head_x", "head_y", "head_z")
     check_reach(path, robots_m, heads_m, "robot ('robot_x', …) and head ('head_x', …)", table.lines)
+
+    # repeated samples are old
     floor_m = table.vectors(*pierced)
-    fresh = np.append(True, np.any(np.diff(floor_m, axis=0) != 0.0, axis=1))
+    is_new = np.any(np.diff(floor_m, axis=0) != 0.0, axis=1)
+    fresh = np.append(True, is_new)
     fresh &= np.all(np.isfinite(floor_m), axis=1)  # the ray may miss the floor
     if np.count_nonzero(fresh) < 2:
         reading.skip(path, "no ray in it meets the floor")
@@ -63,6 +66,8 @@ def _add(folder: Path, path: Path, entry: Entry, reading: TrialReading) -> None:
     check_floor(path, floor_m[fresh], "columns 'px', 'py'")
     t_s = table.numbers["t"][fresh]
     heads_m = heads_m[fresh]
+
+    # rays begin at the eyes, whose height the index has, or the marker on the head
     eyes_m = eye_height_of(folder, entry)
     if eyes_m is None:
         eyes_m = float(np.mean(heads_m[:, 2])) - MARKER_OVER_EYES_M
@@ -73,13 +78,14 @@ def _add(folder: Path, path: Path, entry: Entry, reading: TrialReading) -> None:
                 "it in metres over the floor?"
             )
     rays = np.column_stack([floor_m[fresh], np.full(len(t_s), -eyes_m)])
+    lengths_m = np.linalg.norm(rays, axis=1)
     following = FollowRecording(
         set=NAME,
         subject=text_of(folder, entry, "subject"),
         pointings=Pointings(
             t_s - t_s[0],
             np.tile([0.0, 0.0, eyes_m], (len(t_s), 1)),
-            rays / np.linalg.norm(rays, axis=1)[:, None],
+            rays / lengths_m[:, None],
             robots_m[fresh],
         ),
         heads_m=heads_m,

@@ -123,9 +123,10 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
             f"{STATURES_M[0]:g} to {STATURES_M[1]:g}",
         )
     body = scaled_body(float(np.median(statures_m)))
-    forearms = table.vectors("hand_x", "hand_y", "hand_z") - table.vectors(
-        "forearm_x", "forearm_y", "forearm_z"
-    )
+
+    # a straight arm in the direction of the forearm
+    hands_m = table.vectors("hand_x", "hand_y", "hand_z")
+    forearms = hands_m - table.vectors("forearm_x", "forearm_y", "forearm_z")
     lengths_m = np.linalg.norm(forearms, axis=1)
     strange = np.flatnonzero((lengths_m < FOREARMS_M[0]) | (lengths_m > FOREARMS_M[1]))
     if len(strange):
@@ -135,6 +136,8 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
             f"{FOREARMS_M[0]:g} to {FOREARMS_M[1]:g} m were expected; are they in metres?",
         )
     origins_m, directions = eye_finger_rays((along(row) for row in forearms.tolist()), body)
+
+    # the mean error sideways is that of the yaw in which people point
     targets_m = table.vectors(*_TARGET)
     heads_m = table.vectors("hmd_x", "hmd_y")
     check_reach(
@@ -144,8 +147,10 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
         "target ('target_x', …) and head ('hmd_x', …)",
         table.lines,
     )
-    ways = targets_m[:, :2] - heads_m
-    turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(ways[:, 1], ways[:, 0])
+    away_m = targets_m[:, :2] - heads_m
+    azimuths = np.arctan2(directions[:, 1], directions[:, 0])
+    turns = azimuths - np.arctan2(away_m[:, 1], away_m[:, 0])
+    _, kinds = np.unique(targets_m, axis=0, return_inverse=True)
     return RecordedActs(
         subject=subject,
         eye_height_m=eye_height_m(body),
@@ -153,7 +158,7 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
         directions=directions,
         targets_m=targets_m,
         heads_m=heads_m,
-        kinds=np.unique(targets_m, axis=0, return_inverse=True)[1].reshape(-1),
+        kinds=kinds.reshape(-1),
         lean_rad=float(np.angle(np.exp(1j * turns).mean())),
     )
 
@@ -165,10 +170,15 @@ def _add(acts: RecordedActs, count: int, subsets: int, reading: TrialReading) ->
             f"{NAME}, subject {acts.subject}: has {kinds} targets, so there are no trials of {count}"
         )
         return
-    random = np.random.default_rng([zlib.crc32(acts.subject.encode()), count])
+
+    # each trial draws its targets and their acts, then a pose of the map
+    seed = zlib.crc32(acts.subject.encode())
+    random = np.random.default_rng([seed, count])
     for _ in range(subsets):
-        wanted = random.choice(kinds, size=count, replace=False)
-        chosen = [int(random.choice(np.flatnonzero(acts.kinds == kind))) for kind in wanted]
+        chosen: list[int] = []
+        for kind in random.choice(kinds, size=count, replace=False):
+            candidates = np.flatnonzero(acts.kinds == kind)
+            chosen.append(int(random.choice(candidates)))
         head = acts.heads_m[chosen].mean(axis=0)
         yaw_rad = float(random.uniform(-math.pi, math.pi))
         origin_m = random.uniform(-ROOM_M, ROOM_M, 2)
@@ -190,11 +200,11 @@ def _holds(acts: RecordedActs, chosen: Sequence[int], yaw_rad: float, origin_m: 
     """Return each act as a hold, with the IMU's yaw origin at `yaw_rad` and the map's at `origin_m`."""
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
-    which = np.repeat(chosen, HOLD_RAYS)
+    rows = np.repeat(chosen, HOLD_RAYS)
     turn = Rotation.from_rotvec([0.0, 0.0, -yaw_rad])
     return Pointings(
         (starts_s[:, None] + within_s).reshape(-1),
-        turn.apply(acts.origins_m[which]),
-        turn.apply(acts.directions[which]),
-        acts.targets_m[which] - np.append(origin_m, 0.0),
+        turn.apply(acts.origins_m[rows]),
+        turn.apply(acts.directions[rows]),
+        acts.targets_m[rows] - np.append(origin_m, 0.0),
     )

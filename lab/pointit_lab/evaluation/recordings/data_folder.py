@@ -57,9 +57,9 @@ def recordings_folder(data: Path | None) -> Path:
         inner = data / RECORDINGS
         return inner if inner.is_dir() else data
     except (OSError, ValueError) as error:
-        what = error.strerror if isinstance(error, OSError) else error
+        reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(
-            f"{shown_path(data)}: cannot be accessed ({what}); give --data DIR with the recordings"
+            f"{shown_path(data)}: cannot be accessed ({reason}); give --data DIR with the recordings"
         ) from error
 
 
@@ -75,9 +75,12 @@ def read_index(folder: Path) -> list[Entry]:
         raw = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+    # a list, or an object with such a list
     try:
         if raw.lstrip()[:1] == b"{":
-            entries = _ENTRIES.validate_python(_WRAPPED.validate_json(raw).get("files"))
+            files = _WRAPPED.validate_json(raw).get("files")
+            entries = _ENTRIES.validate_python(files)
         else:
             entries = _ENTRIES.validate_json(raw)
     except ValidationError as error:
@@ -86,10 +89,16 @@ def read_index(folder: Path) -> list[Entry]:
         ) from error
     except ValueError as error:  # numbers with thousands of digits
         raise ConfigError(f"{path}: a value in it cannot be shown ({error}); correct the index") from error
-    names = [name for entry in entries if isinstance(name := entry.get("file"), str)]
-    twice = next((name for name, count in Counter(names).items() if count > 1), None)
-    if twice is not None:
-        raise ConfigError(f"{path}, 'file': {truncate(twice)} is listed twice; list each file once")
+
+    # names of other types are refused when the file is read
+    counts: Counter[str] = Counter()
+    for entry in entries:
+        name = entry.get("file")
+        if isinstance(name, str):
+            counts[name] += 1
+    for name, count in counts.items():
+        if count > 1:
+            raise ConfigError(f"{path}, 'file': {truncate(name)} is listed twice; list each file once")
     return list(entries)
 
 
@@ -100,8 +109,10 @@ def text_of(folder: Path, entry: Entry, key: str) -> str:
         ConfigError: If it is missing, empty, too long or not printable.
     """
     value = entry.get(key)
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**15:
-        value = str(value)  # a subject may be a number
+    # a subject may be a number; Python does not format one of thousands of digits
+    is_integer = isinstance(value, int) and not isinstance(value, bool)
+    if is_integer and abs(value) < 10**15:
+        value = str(value)
     if not isinstance(value, str):
         raise ConfigError(f"{_where(folder, entry, key)}: a text was expected, got {truncate(value)}")
     return check_text(_where(folder, entry, key), value)
@@ -132,8 +143,9 @@ def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float],
     value = entry.get(key)
     if value is None:
         return None
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
     # compared before it is converted: an integer may be beyond any float
-    if isinstance(value, bool) or not isinstance(value, int | float) or not lower <= value <= upper:
+    if not is_number or not lower <= value <= upper:
         raise ConfigError(
             f"{_where(folder, entry, key)}: a number from {lower:g} to {upper:g} {unit} was expected, "
             f"got {truncate(value)}"
@@ -164,5 +176,6 @@ def eye_height_of(folder: Path, entry: Entry) -> float | None:
 
 def _where(folder: Path, entry: Entry, key: str) -> str:
     name = entry.get("file", "an entry")
-    named = name if isinstance(name, str) and name.isprintable() and len(name) <= 60 else truncate(name)
-    return f"{folder / INDEX}, {named}, {key!r}"
+    is_short = isinstance(name, str) and name.isprintable() and len(name) <= 60
+    label = name if is_short else truncate(name)
+    return f"{folder / INDEX}, {label}, {key!r}"

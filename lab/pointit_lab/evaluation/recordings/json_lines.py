@@ -29,6 +29,7 @@ def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
             names file, line, field and value.
     """
     check_file(path)
+    # an error of reading names the file, one of its contents the line
     number = 0
     try:
         with path.open("rb") as file:

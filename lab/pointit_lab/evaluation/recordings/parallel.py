@@ -45,19 +45,30 @@ def map_in_order(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    chunks = [pieces[start : start + chunk] for start in range(0, len(pieces), chunk)]
+    starts = range(0, len(pieces), chunk)
+    chunks = [pieces[start : start + chunk] for start in starts]
     work_all = partial(_work_all, work)
+    tick(0, len(pieces))
+
+    # lazily, in this process or in others: `tick` is called as chunks are finished
     is_alone = jobs == 1 or len(chunks) < 2
+    numbered_results: Iterable[tuple[int, list[Result]]]
+    if is_alone:
+        numbered_results = enumerate(map(work_all, chunks))
+    else:
+        numbered_results = map_parallel(work_all, chunks, jobs)
     results: dict[int, list[Result]] = {}
     done = 0
-    tick(done, len(pieces))
-    for number, found in (
-        enumerate(map(work_all, chunks)) if is_alone else map_parallel(work_all, chunks, jobs)
-    ):
-        results[number] = found
-        done += len(found)
+    for number, chunk_results in numbered_results:
+        results[number] = chunk_results
+        done += len(chunk_results)
         tick(done, len(pieces))
-    return [each for _, of_chunk in sorted(results.items()) for each in of_chunk]
+
+    # processes finish in any order
+    ordered: list[Result] = []
+    for number in range(len(chunks)):
+        ordered += results[number]
+    return ordered
 
 
 def _work_all(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> list[Result]:
@@ -96,10 +107,12 @@ def map_parallel(
         ) from error
     finally:
         if not finished:
-            ours = [process for process in multiprocessing.active_children() if process not in others]
-            for process in ours:
+            children = multiprocessing.active_children()
+            workers = [process for process in children if process not in others]
+            # all at once, then the wait for each
+            for process in workers:
                 process.terminate()
-            for process in ours:
+            for process in workers:
                 process.join(END_TIMEOUT_S)
                 if process.is_alive():
                     process.kill()

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pointit_lab.evaluation.selection.difference import Interval
+
+Name = TypeVar("Name", str, tuple[str, str])
 
 ALL = "all"
 """Subject of the row over all of a set."""
@@ -84,24 +86,22 @@ class Row:
 
 def arranged(rows: Iterable[Row]) -> list[Row]:
     """Return `rows` sorted by first appearance of set, condition and subject, with all subjects first."""
-    met = list(rows)
-    sets, conditions, subjects = (
-        {name: rank for rank, name in enumerate(dict.fromkeys(names))}
-        for names in (
-            (row.set for row in met),
-            ((row.set, row.condition) for row in met),
-            ((row.set, row.subject) for row in met),
-        )
-    )
-    return sorted(
-        met,
-        key=lambda row: (
-            sets[row.set],
-            conditions[row.set, row.condition],
-            row.subject != ALL,
-            subjects[row.set, row.subject],
-        ),
-    )
+    all_rows = list(rows)
+    sets = _ranks(row.set for row in all_rows)
+    conditions = _ranks((row.set, row.condition) for row in all_rows)
+    subjects = _ranks((row.set, row.subject) for row in all_rows)
+
+    def rank(row: Row) -> tuple[int, int, bool, int]:
+        condition = conditions[row.set, row.condition]
+        subject = subjects[row.set, row.subject]
+        return sets[row.set], condition, row.subject != ALL, subject
+
+    return sorted(all_rows, key=rank)
+
+
+def _ranks(names: Iterable[Name]) -> dict[Name, int]:
+    """Return the rank of each of `names` by its first appearance."""
+    return {name: rank for rank, name in enumerate(dict.fromkeys(names))}
 
 
 def document(rows: Sequence[Row]) -> dict[str, Any]:

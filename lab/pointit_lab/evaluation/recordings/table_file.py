@@ -1,5 +1,6 @@
 """Tables of recordings: CSV files read by column; errors name the line."""
 
+import contextlib
 import csv
 import math
 import stat
@@ -50,17 +51,18 @@ class Table:
 
     def only(self, rows: Sequence[int]) -> "Table":
         """Return the table of these `rows`."""
-        return Table(
-            path=self.path,
-            lines=[self.lines[row] for row in rows],
-            numbers={name: values[rows] for name, values in self.numbers.items()},
-            texts={name: [values[row] for row in rows] for name, values in self.texts.items()},
-        )
+        lines = [self.lines[row] for row in rows]
+        numbers = {name: values[rows] for name, values in self.numbers.items()}
+        texts: dict[str, list[str]] = {}
+        for name, values in self.texts.items():
+            texts[name] = [values[row] for row in rows]
+        return Table(path=self.path, lines=lines, numbers=numbers, texts=texts)
 
     def rows_by(self, *names: str) -> dict[tuple[str, ...], list[int]]:
         """Return the rows that have the same texts in the columns `names`, in the order of the file."""
         groups: dict[tuple[str, ...], list[int]] = {}
-        for row, key in enumerate(zip(*(self.texts[name] for name in names), strict=True)):
+        columns = [self.texts[name] for name in names]
+        for row, key in enumerate(zip(*columns, strict=True)):
             groups.setdefault(key, []).append(row)
         return groups
 
@@ -80,9 +82,9 @@ def is_file(path: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return False
     except (OSError, ValueError) as error:
-        quantity = error.strerror if isinstance(error, OSError) else error
+        reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(
-            f"{shown_path(path)}: cannot be accessed ({quantity}); give it another name"
+            f"{shown_path(path)}: cannot be accessed ({reason}); give it another name"
         ) from error
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
@@ -100,15 +102,17 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
         raise ConfigError(f"{path}: cannot be read (there is no such file)")
     size = path.stat().st_size
     if size > max_bytes:
-        raise ConfigError(
-            f"{path}: has {size / 1e6:.0f} MB, limit {max_bytes / 1e6:.0f} MB; cut it into pieces"
-        )
+        size_mb = size / 1e6
+        max_mb = max_bytes / 1e6
+        raise ConfigError(f"{path}: has {size_mb:.0f} MB, limit {max_mb:.0f} MB; cut it into pieces")
 
 
 def shown_path(path: Path) -> str:
     """Return `path` for a message, shortened if too long."""
     text = str(path)
-    return text if len(text) <= 2 * MAX_CHARACTERS else f"{text[:MAX_CHARACTERS]}..."
+    if len(text) <= 2 * MAX_CHARACTERS:
+        return text
+    return f"{text[:MAX_CHARACTERS]}..."
 
 
 def truncate(value: object) -> str:
@@ -117,7 +121,9 @@ def truncate(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python does not format thousands of digits
         return "a number of thousands of digits"
-    return text if len(text) <= 60 else f"{text[:57]}... ({len(text)} characters)"
+    if len(text) <= 60:
+        return text
+    return f"{text[:57]}... ({len(text)} characters)"
 
 
 def check_text(where: str, name: str) -> str:
@@ -130,7 +136,8 @@ def check_text(where: str, name: str) -> str:
     Raises:
         ConfigError: If it is empty, too long, not printable, or a subject with the reserved name.
     """
-    if not name or len(name) > MAX_CHARACTERS or not name.isprintable():
+    is_readable = 0 < len(name) <= MAX_CHARACTERS and name.isprintable()
+    if not is_readable:
         raise ConfigError(
             f"{where}: a text of 1 to {MAX_CHARACTERS} printable characters was expected, "
             f"got {truncate(name)}"
@@ -160,22 +167,26 @@ def read_table(
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             header = [name.strip() for name in next(reader, ())]
-            wanted = _columns(path, header, (*numbers, *texts))
-            lines, cells = _rows(path, header, wanted, ((reader.line_num, row) for row in reader))
+            columns = _columns(path, header, (*numbers, *texts))
+            # a cell may span lines: the reader's own number is that of its last one
+            numbered_rows = ((reader.line_num, row) for row in reader)
+            lines, cells = _rows(path, header, columns, numbered_rows)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
     if not lines:
-        raise ConfigError(f"{path}, line {max(1, reader.line_num)}: there is a header but no rows")
-    table = Table(
-        path=path,
-        lines=lines,
-        numbers={name: np.empty(0) for name in numbers},
-        texts={name: cells[name] for name in texts},
-    )
+        last_line = max(1, reader.line_num)
+        raise ConfigError(f"{path}, line {last_line}: there is a header but no rows")
+
+    # the table names the line of a cell that is no number
+    empty_numbers: dict[str, Array] = {name: np.empty(0) for name in numbers}
+    text_cells = {name: cells[name] for name in texts}
+    table = Table(path=path, lines=lines, numbers=empty_numbers, texts=text_cells)
     for name in numbers:
         table.numbers[name] = _numbers(table, name, cells[name], may_be_empty=name in gaps)
+
+    # each text is checked once, at its first line: most are repeated thousands of times
     for name, values in table.texts.items():
         first_lines: dict[str, int] = {}
         for line, text in zip(lines, values, strict=True):
@@ -194,27 +205,31 @@ def _columns(path: Path, header: Sequence[str], names: Sequence[str]) -> dict[st
         )
     for name in names:
         if header.count(name) != 1:
-            found = ", ".join(truncate(each) for each in header[:40]) or "nothing"
-            raise ConfigError(f"{path}, line 1: one column {name!r} was expected, found {found}")
+            present = ", ".join(truncate(column) for column in header[:40])
+            raise ConfigError(
+                f"{path}, line 1: one column {name!r} was expected, found {present or 'nothing'}"
+            )
     return {name: header.index(name) for name in names}
 
 
 def _rows(
-    path: Path, header: Sequence[str], wanted: dict[str, int], rows: Iterator[tuple[int, list[str]]]
+    path: Path, header: Sequence[str], columns: dict[str, int], rows: Iterator[tuple[int, list[str]]]
 ) -> tuple[list[int], dict[str, list[str]]]:
-    """Return line numbers and cells of the columns `wanted`, without empty lines."""
+    """Return line numbers and cells of the `columns`, given with their indices, without empty lines."""
     lines: list[int] = []
-    cells: dict[str, list[str]] = {name: [] for name in wanted}
+    cells: dict[str, list[str]] = {name: [] for name in columns}
     for line, row in rows:
         if not row:
             continue
-        if len(row) < len(header) or any(cell.strip() for cell in row[len(header) :]):
+        # spreadsheets append empty cells
+        surplus = row[len(header) :]
+        if len(row) < len(header) or any(map(str.strip, surplus)):
             raise ConfigError(
                 f"{path}, line {line}: {len(header)} cells were expected, as in the header, got {len(row)}; "
                 "is the line cut off, or are there decimal commas?"
             )
         lines.append(line)
-        for name, index in wanted.items():
+        for name, index in columns.items():
             cells[name].append(row[index].strip())
     return lines, cells
 
@@ -225,10 +240,11 @@ def _numbers(table: Table, name: str, cells: Sequence[str], *, may_be_empty: boo
         if may_be_empty and not text:
             values[row] = math.nan
             continue
-        try:
-            values[row] = math.inf if "_" in text else float(text)  # reject Python's 1_5
-        except ValueError:
-            values[row] = math.inf
+        values[row] = math.inf
+        if "_" not in text:  # reject Python's 1_5
+            with contextlib.suppress(ValueError):
+                values[row] = float(text)
+        # "not": NaN is no number either
         if not abs(values[row]) <= FARTHEST:
             raise table.refuse(
                 row,

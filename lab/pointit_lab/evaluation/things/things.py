@@ -71,21 +71,27 @@ class ArmReach:
         self._at = {name: angles(vector.subtract(at_m, eyes_m)) for name, at_m in targets_m.items()}
         self._goal = goal
         self._corrected = np.zeros(2)
-        self._hold = np.radians([self._arm.hold_yaw_sd_deg, self._arm.hold_pitch_sd_deg])
-        self._hold = self._hold * math.exp(rng.normal(0.0, self._arm.hold_spread))
+
+        # how still this person holds the arm
+        usual_hold = np.radians([self._arm.hold_yaw_sd_deg, self._arm.hold_pitch_sd_deg])
+        self._hold = usual_hold * math.exp(rng.normal(0.0, self._arm.hold_spread))
         self._noise = np.zeros(2)
         self._tries = 0
+
+        # the reach: Fitts' law, with the scatter of people
         low = np.radians([rng.uniform(-30.0, 30.0), rng.uniform(-40.0, -20.0)])
         self.now: Vector = low if begin is None else begin.now
         amplitude = float(np.linalg.norm(self._at[goal] - self.now))
         self.errors.draw(amplitude)
-        took_s = self._arm.reach_base_s + self._arm.reach_per_bit_s * math.log2(
-            amplitude / math.radians(self._arm.reach_width_deg) + 1.0
-        )
-        took_s *= math.exp(rng.normal(0.0, self._arm.reach_spread)) * self._arm.reach_with_cursor
+        width_rad = math.radians(self._arm.reach_width_deg)
+        difficulty_bits = math.log2(amplitude / width_rad + 1.0)
+        took_s = self._arm.reach_base_s + self._arm.reach_per_bit_s * difficulty_bits
+        spread = math.exp(rng.normal(0.0, self._arm.reach_spread))
+        took_s *= spread * self._arm.reach_with_cursor
         self.took_s = took_s
         self._move(0.0, took_s)
-        self._look_s = self._lit_s = took_s + self._aim.reaction_s
+        self._look_s = took_s + self._aim.reaction_s
+        self._lit_s = self._look_s
         self._shown: list[tuple[float, str | None]] = []
 
     @property
@@ -111,24 +117,35 @@ class ArmReach:
         """Move on if the light that was seen a moment ago is not that of the goal."""
         if time_s < self._look_s:
             return
-        seen = [shown for at_s, shown in self._shown if at_s <= time_s - self._aim.visual_delay_s]
-        steady = seen[-round(self._aim.correction_period_s * RATE_HZ / 2) :]
+        # what they see is a moment old, and must stay for half a period
+        seen_s = time_s - self._aim.visual_delay_s
+        seen = [shown for at_s, shown in self._shown if at_s <= seen_s]
+        steady_count = round(self._aim.correction_period_s * RATE_HZ / 2)
+        steady = seen[-steady_count:]
         shown = steady[-1] if steady else None
         if shown == self._goal:
             self._lit_s = time_s
-        elif shown is not None and all(each == shown for each in steady):
+        elif shown is None:
+            if time_s - self._lit_s > LOST_S:
+                self._search(time_s)
+        elif steady.count(shown) == len(steady):
             spread = 1.0 + self._aim.correction_spread * float(self._rng.standard_normal())
-            self._corrected += HALFWAY * spread * (self._at[self._goal] - self._at[shown])
+            offset = self._at[self._goal] - self._at[shown]
+            self._corrected += HALFWAY * spread * offset
             self._again(time_s)
-        elif shown is None and time_s - self._lit_s > LOST_S:
-            self._corrected += SEARCH_RAD[self._tries % len(SEARCH_RAD)]
-            self._tries += 1
-            self._again(time_s)
-            self._corrected -= SEARCH_RAD[(self._tries - 1) % len(SEARCH_RAD)]
+
+    def _search(self, time_s: float) -> None:
+        """Move beside the last aim, for this one time."""
+        beside_rad = SEARCH_RAD[self._tries % len(SEARCH_RAD)]
+        self._tries += 1
+        self._corrected += beside_rad
+        self._again(time_s)
+        self._corrected -= beside_rad
 
     def _again(self, time_s: float) -> None:
         self._move(time_s, self._aim.correction_s)
-        self._look_s = self._lit_s = time_s + self._aim.correction_s + self._aim.correction_period_s
+        self._look_s = time_s + self._aim.correction_s + self._aim.correction_period_s
+        self._lit_s = self._look_s
 
     def _move(self, time_s: float, took_s: float) -> None:
         self._from = self.now - self._noise
@@ -158,32 +175,31 @@ class ThingRow:
 
     def environment(self) -> Environment:
         """Return the map."""
-        return Environment(
-            stamp_ns=0,
-            name=self.name,
-            things=tuple(
-                Thing(
-                    id=f"t{index}",
-                    center_m=(self.away_m, (index - (self.count - 1) / 2.0) * self.apart_m, self.height_m),
-                    size_m=(self.size_m, self.size_m, self.size_m),
-                    lamp=f"t{index}" if self.lit else "",
-                )
-                for index in range(self.count)
-            ),
-        )
+        middle = (self.count - 1) / 2.0
+        things: list[Thing] = []
+        for index in range(self.count):
+            name = f"t{index}"
+            beside_m = (index - middle) * self.apart_m
+            thing = Thing(
+                id=name,
+                center_m=(self.away_m, beside_m, self.height_m),
+                size_m=(self.size_m, self.size_m, self.size_m),
+                lamp=name if self.lit else "",
+            )
+            things.append(thing)
+        return Environment(stamp_ns=0, name=self.name, things=tuple(things))
 
 
-_ROWS = tuple(
-    ThingRow(
-        name=f"{name}, {'light' if lit else 'no light'}", lit=lit, count=count, size_m=a, apart_m=b, away_m=c
-    )
-    for name, count, a, b, c in (
-        (".4 m boxes .7 m apart, 2.6 m away", 4, 0.4, 0.7, 2.6),
-        (".15 m boxes .2 m apart, 1.5 m away", 5, 0.15, 0.2, 1.5),
-    )
-    for lit in (True, False)
+_LARGE = ThingRow(
+    name=".4 m boxes .7 m apart, 2.6 m away, light", count=4, size_m=0.4, apart_m=0.7, away_m=2.6
 )
-ROWS = (*_ROWS, replace(_ROWS[1], name=f"{_ROWS[1].name}, offset calibrated", bias_deg=0.0))
+_LARGE_UNLIT = replace(_LARGE, name=".4 m boxes .7 m apart, 2.6 m away, no light", lit=False)
+_SMALL = ThingRow(
+    name=".15 m boxes .2 m apart, 1.5 m away, light", count=5, size_m=0.15, apart_m=0.2, away_m=1.5
+)
+_SMALL_UNLIT = replace(_SMALL, name=".15 m boxes .2 m apart, 1.5 m away, no light", lit=False)
+_CALIBRATED = replace(_LARGE_UNLIT, name=f"{_LARGE_UNLIT.name}, offset calibrated", bias_deg=0.0)
+ROWS = (_LARGE, _LARGE_UNLIT, _SMALL, _SMALL_UNLIT, _CALIBRATED)
 
 
 @dataclass(frozen=True)
@@ -210,8 +226,8 @@ class Share:
     @property
     def interval(self) -> tuple[float, float]:
         """Return the bounds of the interval."""
-        found = binomtest(self.count, self.of).proportion_ci(method="wilson")
-        return float(found.low), float(found.high)
+        bounds = binomtest(self.count, self.of).proportion_ci(method="wilson")
+        return float(bounds.low), float(bounds.high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,17 +247,19 @@ class ReachRow:
 def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
     """Return the shares of reaches at which the right thing fired, a wrong one or none."""
     ends = Counter(result.end for result in results)
-    took_s = [result.took_s for result in results if result.end == "right"] or [math.nan]
-    stated = [result.confidence for result in results if result.confidence is not None] or [math.nan]
-    right, wrong, nothing = (Share(ends[end], len(results)) for end in ("right", "wrong", "nothing"))
+    took_s = [result.took_s for result in results if result.end == "right"]
+    confidences = [result.confidence for result in results if result.confidence is not None]
+    # without any, NaN and no warning of numpy
+    took_s = took_s or [math.nan]
+    confidences = confidences or [math.nan]
     return ReachRow(
         name=row.name,
-        right=right,
-        wrong=wrong,
-        nothing=nothing,
+        right=Share(ends["right"], len(results)),
+        wrong=Share(ends["wrong"], len(results)),
+        nothing=Share(ends["nothing"], len(results)),
         median_s=float(np.median(took_s)),
         p90_s=float(np.percentile(took_s, 90)),
-        stated=float(np.mean(stated)),
+        stated=float(np.mean(confidences)),
     )
 
 
@@ -255,6 +273,7 @@ def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
     """Return the result of one person's reach for one thing of `row`."""
     rng = np.random.default_rng([seed, row.count])
     environment = row.environment()
+    # drawn before anything else of this person
     index, person = begin(row, rng)
     goal = environment.things[index].id
     engine = SelectionEngine(config, lambda _record: None)
@@ -269,11 +288,12 @@ def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
             person.correct(time_s)
         cursor = Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=person.direction(time_s))
         for output in engine.on_cursor(PERSON, cursor):
-            if isinstance(output.message, Hover):
-                person.see(time_s, output.message.object_id or None)
-            elif isinstance(output.message, SelectionEvent) and output.message.event == "selected":
-                end: Literal["right", "wrong"] = "right" if output.message.object_id == goal else "wrong"
-                return Result(end, time_s, output.message.confidence)
+            message = output.message
+            if isinstance(message, Hover):
+                person.see(time_s, message.object_id or None)
+            elif isinstance(message, SelectionEvent) and message.event == "selected":
+                end: Literal["right", "wrong"] = "right" if message.object_id == goal else "wrong"
+                return Result(end, time_s, message.confidence)
     return Result("nothing", LIMIT_S, None)
 
 
@@ -298,28 +318,33 @@ def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float])
     engine = SelectionEngine(config, lambda _record: None)
     engine.on_map(environment)
     places_m = {thing.id: thing.center_m for thing in environment.things}
+
+    # one reach after the other, for points that are no things
     fired = 0
     begun_s = 0.0
     listed_s = -math.inf
     reach = None
     while begun_s < minutes * 60.0:
-        reach = ArmReach(EYES_M, {**places_m, "point": _miss_point(kind, row, rng)}, "point", rng, reach)
+        targets_m = {**places_m, "point": _miss_point(kind, row, rng)}
+        reach = ArmReach(EYES_M, targets_m, "point", rng, reach)
         holds_s = reach.took_s + float(rng.uniform(*HOLDS_S[kind]))
-        for index in range(round(holds_s * RATE_HZ)):
-            time_s = begun_s + index / RATE_HZ
+        samples = round(holds_s * RATE_HZ)
+        for index in range(samples):
+            reach_s = index / RATE_HZ
+            time_s = begun_s + reach_s
             now_ns = START_NS + round(time_s * NS_PER_S)
             if time_s - listed_s >= PERIOD_S:
                 engine.on_objects(TRACKER, listing(environment, now_ns))
                 listed_s = time_s
                 engine.tick(now_ns)
-            reach.correct(index / RATE_HZ)
-            for output in engine.on_cursor(
-                PERSON, _cursor(surfaces, reach.direction(index / RATE_HZ), now_ns)
-            ):
-                if isinstance(output.message, Hover):
-                    reach.see(index / RATE_HZ, output.message.object_id or "point")
-                fired += isinstance(output.message, SelectionEvent) and output.message.event == "selected"
-        begun_s += round(holds_s * RATE_HZ) / RATE_HZ
+            reach.correct(reach_s)
+            cursor = _cursor(surfaces, reach.direction(reach_s), now_ns)
+            for output in engine.on_cursor(PERSON, cursor):
+                message = output.message
+                if isinstance(message, Hover):
+                    reach.see(reach_s, message.object_id or "point")
+                fired += isinstance(message, SelectionEvent) and message.event == "selected"
+        begun_s += samples / RATE_HZ
     return fired
 
 
@@ -333,18 +358,21 @@ def _miss_point(kind: MissKind, row: ThingRow, rng: np.random.Generator) -> Vec3
 def point_beside(row: ThingRow, rng: np.random.Generator) -> Vec3:
     """Return a point beside all things by more than people err."""
     while True:
-        azimuth, elevation = (math.radians(rng.uniform(-most, most)) for most in (40.0, 30.0))
-        point_m = vector.add(EYES_M, vector.scale(vector.direction(azimuth, elevation), row.away_m))
-        away = (vector.subtract(thing.center_m, EYES_M) for thing in row.environment().things)
-        if all(vector.angle_between(reach, vector.subtract(point_m, EYES_M)) > BESIDE_RAD for reach in away):
+        azimuth = math.radians(rng.uniform(-40.0, 40.0))
+        elevation = math.radians(rng.uniform(-30.0, 30.0))
+        away_m = vector.scale(vector.direction(azimuth, elevation), row.away_m)
+        point_m = vector.add(EYES_M, away_m)
+        sight = vector.subtract(point_m, EYES_M)
+        things = (vector.subtract(thing.center_m, EYES_M) for thing in row.environment().things)
+        if all(vector.angle_between(thing, sight) > BESIDE_RAD for thing in things):
             return point_m
 
 
 def _cursor(surfaces: Surfaces, direction: Vec3, now_ns: int) -> Cursor:
-    met = surfaces.hit_test(EYES_M, direction)
-    if met is None or met[0].kind != "strip":
+    surface_hit = surfaces.hit_test(EYES_M, direction)
+    if surface_hit is None or surface_hit[0].kind != "strip":
         return Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=direction)
-    surface, hit = met
+    surface, hit = surface_hit
     return Cursor(
         stamp_ns=now_ns,
         surface="strip",
@@ -360,4 +388,5 @@ def _cursor(surfaces: Surfaces, direction: Vec3, now_ns: int) -> Cursor:
 
 
 def _times() -> Iterator[float]:
-    return (index / RATE_HZ for index in range(round(LIMIT_S * RATE_HZ)))
+    samples = round(LIMIT_S * RATE_HZ)
+    return (index / RATE_HZ for index in range(samples))

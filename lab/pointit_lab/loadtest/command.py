@@ -3,6 +3,7 @@
 import os
 import tempfile
 from collections.abc import Sequence
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -42,10 +43,10 @@ class LoadCounts(click.ParamType[tuple[int, ...]]):
     ) -> tuple[int, ...]:
         """Return the numbers in `value`."""
         numbers: list[int] = []
-        for each in str(value).split(","):
-            if not each.strip().isdecimal() or not 1 <= int(each) <= self._max_count:
-                self.fail(f"{each!r} is not a whole number from 1 to {self._max_count}", param, ctx)
-            numbers.append(int(each))
+        for part in str(value).split(","):
+            if not part.strip().isdecimal() or not 1 <= int(part) <= self._max_count:
+                self.fail(f"{part!r} is not a whole number from 1 to {self._max_count}", param, ctx)
+            numbers.append(int(part))
         return tuple(numbers)
 
 
@@ -156,84 +157,108 @@ def command(
     is_own = credentials is None and context.get_parameter_source("connect") is ParameterSource.DEFAULT
     if credentials is not None:
         os.environ[CREDENTIALS] = str(credentials.folder)  # for the processes
+
+    # Options that need a site of its own contradict those of a running one.
     if secured and not is_own:
         raise ConfigError(
             "--secured makes a site of its own; leave it out with --connect or --credentials, where the site "
             "that runs there is secured or not"
         )
-    if hosts and (not is_own or layout != "one"):
+    is_free_to_spread = is_own and layout == "one"
+    if hosts and not is_free_to_spread:
         raise ConfigError(
             "--hosts makes a site and processes of its own; leave out --layout, --connect and --credentials"
         )
     if is_own:  # its services must not store their state among that of this machine's user
         os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
-    loads = [
-        Load(
+
+    # One load for each number of hosts: 0 simulates none.
+    loads: list[Load] = []
+    endpoints = () if is_own else connect
+    for host_count in hosts or (0,):
+        needs_router = secured or host_count > 0
+        default_router: Program | None = "pointit" if needs_router else None
+        load = Load(
             rate_hz=rate_hz,
             duration_s=duration_s,
             layout=layout,
             shards=shards,
-            router=router or ("pointit" if secured or count else None),
+            router=router or default_router,
             secured=secured,
             site=site,
-            connect=() if is_own else connect,
-            hosts=count,
-            routers=routers or count,
+            connect=endpoints,
+            hosts=host_count,
+            routers=routers or host_count,
             fan=fan,
             central=central,
         )
-        for count in hosts or (0,)
-    ]
-    done: list[LoadResult] = []
+        loads.append(load)
+
+    # `_run` appends each result, so an interrupted test still prints those before it.
+    results: list[LoadResult] = []
     searches: list[CapacitySearch] = []
-    code = run_until_shutdown(_run(loads, users, done, searches if sweep else None))
-    if not done:
+    code = run_until_shutdown(_run(loads, users, results, searches if sweep else None))
+    if not results:
         return INTERRUPTED
-    found = slopes(done)
+
     if as_json:
-        limit = {"limit": searches[-1].carried} if searches else {}
-        print_json(
-            {
-                "measured": [measured.record() for measured in done],
-                "slopes": [part.record() for part in found],
-                **limit,
-            }
-        )
+        print_json(_document(results, searches))
     else:
-        show(_sections(done, found), as_json=False)
+        show(_sections(results, slopes(results)), as_json=False)
         for load, search in zip(loads, searches, strict=False):
             click.echo(f"carried: {search.carried} people at {rate_hz:g} Hz, {load.name}")
-    if code:
-        return code
+    return code or _exit_code(results, searches)
+
+
+def _document(results: Sequence[LoadResult], searches: Sequence[CapacitySearch]) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "measured": [result.record() for result in results],
+        "slopes": [part.record() for part in slopes(results)],
+    }
     if searches:
-        return 0 if all(search.carried for search in searches) else EXIT_FAILED
-    return EXIT_FAILED if any(measured.failure for measured in done) else 0
+        document["limit"] = searches[-1].carried
+    return document
 
 
-def _sections(done: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> list[OutputSection]:
-    first = done[0]
-    last = done[-1]
+def _exit_code(results: Sequence[LoadResult], searches: Sequence[CapacitySearch]) -> int:
+    # A sweep ends with a load that fails. It has failed only if it carried nobody.
+    if searches:
+        is_carried = all(search.carried for search in searches)
+    else:
+        is_carried = not any(result.failure for result in results)
+    return 0 if is_carried else EXIT_FAILED
+
+
+def _sections(results: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> list[OutputSection]:
+    first = results[0]
     about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
-    made = [OutputSection(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
+    rows = tuple(result.row() for result in results)
+    sections = [OutputSection(name="load", about=about, rows=rows, roomy=roomy)]
+
+    # Processes and links would be too many rows: only those of the last measurement are shown.
+    last = results[-1]
     if len(last.processes) > 1:
         about = f"CPU for one sample of all, {last.users} people, {last.layout}"
-        made.append(OutputSection(name="processes", about=about, rows=tuple(last.process_rows())))
+        rows = tuple(last.process_rows())
+        sections.append(OutputSection(name="processes", about=about, rows=rows))
     if last.links:
-        rows = tuple(last.link_rows())
         about = f"per second, {last.users} people, {last.layout}"
-        made.append(OutputSection(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
+        rows = tuple(last.link_rows())
+        roomy = frozenset({"up", "down"})
+        sections.append(OutputSection(name="links", about=about, rows=rows, roomy=roomy))
+
     if slopes:
-        made.append(
-            OutputSection(
-                name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in slopes)
-            )
-        )
-    return made
+        rows = tuple(part.row() for part in slopes)
+        sections.append(OutputSection(name="slopes", about="with 95 % intervals", rows=rows))
+    return sections
 
 
 async def _run(
-    loads: Sequence[Load], users: Sequence[int], done: list[LoadResult], searches: list[CapacitySearch] | None
+    loads: Sequence[Load],
+    users: Sequence[int],
+    results: list[LoadResult],
+    searches: list[CapacitySearch] | None,
 ) -> int:
     for load in loads:
         search = None
@@ -241,19 +266,24 @@ async def _run(
             search = CapacitySearch(FIRST, MAX_USERS)
             searches.append(search)
         for count in users if search is None else search.counts():
-            _tell(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
-            measured = await measure(load, count, _tell)
-            done.append(measured)
-            row = measured.row()
-            _tell(
-                f"  p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms, "
-                f"drops {row['drops_percent']} %, CPU {row['cpu_percent']} %, {row['memory_mb']} MB, "
-                f"load {row['load']}: {measured.failure or 'carried'}"
-            )
+            _show_progress(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
+            result = await measure(load, count, _show_progress)
+            results.append(result)
+            _show_progress(f"  {_summary(result)}")
+
+            # The next count of a search depends on this report.
             if search is not None:
-                search.report(count, carried=not measured.failure)
+                search.report(count, carried=not result.failure)
     return 0
 
 
-def _tell(text: str) -> None:
+def _summary(result: LoadResult) -> str:
+    row = result.row()
+    latency = f"p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms"
+    drops = f"drops {row['drops_percent']} %"
+    usage = f"CPU {row['cpu_percent']} %, {row['memory_mb']} MB, load {row['load']}"
+    return f"{latency}, {drops}, {usage}: {result.failure or 'carried'}"
+
+
+def _show_progress(text: str) -> None:
     click.echo(text, err=True)

@@ -45,12 +45,12 @@ class HostsTest:
         self,
         network: NamespaceNetwork,
         groups: Mapping[int, Sequence[Group]],
-        usage_samples: Mapping[int, int],
+        routers: Mapping[int, int],
     ) -> None:
-        """Prepare. `groups` and process ids of `usage_samples` are by machine."""
+        """Prepare. `groups` and the process ids of `routers` are by machine."""
         self._network = network
         self._groups = groups
-        self._routers = usage_samples
+        self._routers = routers
         self._workers: list[Worker] = []
 
     async def start(self, site: str) -> None:
@@ -81,12 +81,8 @@ class HostsTest:
             async with asyncio.timeout(READY_S):
                 while True:
                     answers = await self._order({"rate_hz": rate_hz, "duration_s": duration_s})
-                    sights = zip(self._workers, (answer["sight"] for answer in answers), strict=True)
-                    if all(
-                        (sight["stamps"] or not worker.group.watched)
-                        and (sight["frames"] or not worker.group.watches_light)
-                        for worker, sight in sights
-                    ):
+                    pairs = zip(self._workers, answers, strict=True)
+                    if all(_has_seen_all(worker.group, answer["sight"]) for worker, answer in pairs):
                         return
         except TimeoutError:
             raise ConfigError(f"no light followed any sample within {READY_S:g} s") from None
@@ -97,27 +93,32 @@ class HostsTest:
         Raises:
             ConfigError: If a process has ended.
         """
+        # Routers and links are read at both ends of the measuring time, while the workers drive the wrists.
         order = {"rate_hz": rate_hz, "duration_s": duration_s}
         before = self._used()
         answers, after = await asyncio.gather(self._order(order), self._used_in(duration_s))
         lasted_s = after.at_s - before.at_s
-        processes = [
-            Usage(
-                name=worker.group.name,
-                cpu=answer["cpu_s"] / answer["lasted_s"],
-                memory_mb=answer["memory_mb"],
-            )
-            for worker, answer in zip(self._workers, answers, strict=True)
-        ]
-        for index, now in after.routers.items():
-            cpu = (now.cpu_s - before.routers[index].cpu_s) / lasted_s
+
+        # A worker measures its own time: it starts and ends a little later than this process.
+        processes: list[Usage] = []
+        for worker, answer in zip(self._workers, answers, strict=True):
+            cpu = answer["cpu_s"] / answer["lasted_s"]
+            processes.append(Usage(name=worker.group.name, cpu=cpu, memory_mb=answer["memory_mb"]))
+        for index, router in after.routers.items():
+            cpu = (router.cpu_s - before.routers[index].cpu_s) / lasted_s
             name = f"router {self._network.machines[index].name}"
-            processes.append(Usage(name=name, cpu=cpu, memory_mb=now.memory_mb))
+            processes.append(Usage(name=name, cpu=cpu, memory_mb=router.memory_mb))
         load_average = round(os.getloadavg()[0], 1)
+
         sight = LoadTestReceiver(frozenset())
         for answer in answers:
             sight.add(answer["sight"])
+
+        # Counting the messages costs CPU, so it comes after everything that is measured.
         contents = await self._contents(rate_hz)
+        links: list[LinkUsage] = []
+        for index, traffic in before.traffic.items():
+            links.append(self._link(index, traffic, after.traffic[index], lasted_s, contents[index]))
         users = sum(len(worker.group.wrists) for worker in self._workers)
         return LoadResult(
             users=users,
@@ -134,10 +135,7 @@ class HostsTest:
             load_average=load_average,
             lacking=self._network.lacking,
             hosts=sum(machine.has_people for machine in self._network.machines),
-            links=[
-                self._link(index, before.traffic[index], after.traffic[index], lasted_s, contents[index])
-                for index in before.traffic
-            ],
+            links=links,
         )
 
     async def end(self) -> None:
@@ -154,12 +152,10 @@ class HostsTest:
         return self._used()
 
     def _used(self) -> "_Used":
-        found = {index: read_usage(pid) for index, pid in self._routers.items()}
-        return _Used(
-            at_s=asyncio.get_running_loop().time(),
-            routers={index: usage for index, usage in found.items() if usage is not None},
-            traffic=self._network.traffic(),
-        )
+        usages = {index: read_usage(pid) for index, pid in self._routers.items()}
+        at_s = asyncio.get_running_loop().time()
+        routers = {index: usage for index, usage in usages.items() if usage is not None}
+        return _Used(at_s=at_s, routers=routers, traffic=self._network.traffic())
 
     def _link(
         self,
@@ -169,15 +165,29 @@ class HostsTest:
         lasted_s: float,
         contents: Contents,
     ) -> LinkUsage:
-        machines = self._network.machines
+        lower = self._network.machines[index]
+        upper = self._network.machines[lower.uplink]
+        up_bytes = after.up_bytes - before.up_bytes
+        up_packets = after.up_packets - before.up_packets
+        down_bytes = after.down_bytes - before.down_bytes
+        down_packets = after.down_packets - before.down_packets
+
+        # The messages were counted later than the bytes, in a time of their own.
+        up_hz: dict[str, float] = {}
+        down_hz: dict[str, float] = {}
+        for kind, (up, down) in contents.counts.items():
+            if up:
+                up_hz[kind] = up / contents.lasted_s
+            if down:
+                down_hz[kind] = down / contents.lasted_s
         return LinkUsage(
-            name=f"{machines[index].name} > {machines[machines[index].uplink].name}",
-            up_bytes_hz=(after.up_bytes - before.up_bytes) / lasted_s,
-            up_packets_hz=(after.up_packets - before.up_packets) / lasted_s,
-            down_bytes_hz=(after.down_bytes - before.down_bytes) / lasted_s,
-            down_packets_hz=(after.down_packets - before.down_packets) / lasted_s,
-            up_hz={kind: up / contents.lasted_s for kind, (up, _) in contents.counts.items() if up},
-            down_hz={kind: down / contents.lasted_s for kind, (_, down) in contents.counts.items() if down},
+            name=f"{lower.name} > {upper.name}",
+            up_bytes_hz=up_bytes / lasted_s,
+            up_packets_hz=up_packets / lasted_s,
+            down_bytes_hz=down_bytes / lasted_s,
+            down_packets_hz=down_packets / lasted_s,
+            up_hz=up_hz,
+            down_hz=down_hz,
             counted_s=contents.lasted_s,
         )
 
@@ -190,6 +200,13 @@ class HostsTest:
         contents: dict[int, Contents]
         _, contents = await asyncio.gather(self._order(order), counters.count(CONTENTS_S))
         return contents
+
+
+def _has_seen_all(group: Group, sight: Mapping[str, Any]) -> bool:
+    """Return True if a worker has seen the cursors and the light that it is to watch."""
+    has_cursors = sight["stamps"] or not group.watched
+    has_light = sight["frames"] or not group.watches_light
+    return bool(has_cursors and has_light)
 
 
 @contextlib.asynccontextmanager
@@ -216,20 +233,23 @@ async def start_hosts_test(
         ConfigError: If a process ended, or they were not ready in time.
     """
     async with contextlib.AsyncExitStack() as stack:
-        usage_samples: dict[int, int] = {}
+        # Routers start first, the root before those that join it.
+        router_pids: dict[int, int] = {}
         for index, machine in enumerate(network.machines):
             if not machine.has_router:
                 continue
             listen = network.listen(index)
             uplinks = [network.uplink(index)] if index else []
             if site_folder is None:
-                made = plain_configuration(listen, uplinks)
+                configuration = plain_configuration(listen, uplinks)
             else:
-                made = secured_configuration(site_folder, uplinks, int(listen.rpartition(":")[2]))
-            usage_samples[index] = await stack.enter_async_context(
-                router_process(made, program, folder / str(index), network.arguments(index))
-            )
-        test = HostsTest(network, groups, usage_samples)
+                port = int(listen.rpartition(":")[2])
+                configuration = secured_configuration(site_folder, uplinks, port)
+            router = router_process(configuration, program, folder / str(index), network.arguments(index))
+            router_pids[index] = await stack.enter_async_context(router)
+
+        # `end` is pushed before `start`: workers that have started are ended if another one fails.
+        test = HostsTest(network, groups, router_pids)
         stack.push_async_callback(test.end)
         await test.start(site)
         yield test

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Literal
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
@@ -48,18 +49,20 @@ class Load:
     @property
     def name(self) -> str:
         """Return a description of the layout."""
+        secured = "secured " if self.secured else ""
+        program = " (zenohd)" if self.router == "zenohd" else ""
+        if self.hosts:
+            hosts = f"{self.hosts} hosts" if self.hosts > 1 else "1 host"
+            routers = f"{self.routers} {secured}routers" if self.routers > 1 else f"1 {secured}router"
+            central = ", all cursors from the first" if self.central else ""
+            return f"{hosts}, {routers}{program}{central}"
         words = {
             "one": "one process",
             "users": f"users in {self.shards} processes",
             "services": "a process a service",
         }
-        secured = "secured " if self.secured else ""
-        program = " (zenohd)" if self.router == "zenohd" else ""
-        if self.hosts:
-            where = f"{self.hosts} hosts" if self.hosts > 1 else "1 host"
-            by = f"{self.routers} {secured}routers" if self.routers > 1 else f"1 {secured}router"
-            return f"{where}, {by}{program}" + (", all cursors from the first" if self.central else "")
-        return words[self.layout] + (f" through a {secured}router{program}" if self.router else "")
+        name = words[self.layout]
+        return f"{name} through a {secured}router{program}" if self.router else name
 
 
 def load_launches(
@@ -67,14 +70,11 @@ def load_launches(
 ) -> tuple[list[Launch], dict[str, list[Launch]]]:
     """Return the services of the site, and by name those of `count` people without wrists and buttons."""
     scenario = read_scenario(scenario_name)
-    people = {
-        name: [
-            launch
-            for launch in user_launches(scenario, choices, name, index)
-            if launch.service.NAME not in WITHOUT
-        ]
-        for index, name in enumerate(f"load{index}" for index in range(count))
-    }
+    people: dict[str, list[Launch]] = {}
+    for index in range(count):
+        name = f"load{index}"
+        launches = user_launches(scenario, choices, name, index)
+        people[name] = [launch for launch in launches if launch.service.NAME not in WITHOUT]
     return site_launches(scenario, choices), people
 
 
@@ -85,24 +85,23 @@ def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
     names = list(by_name)
     people = list(by_name.values())
     if load.layout == "one":
-        own = [launch for person in people for launch in person]
-        return Group(name="all", launches=[*site, *own], wrists=names), []
+        launches = [*site, *chain.from_iterable(people)]
+        return Group(name="all", launches=launches, wrists=names), []
+
+    # People are dealt in turn, so that the shards differ by one person at most.
     if load.layout == "users":
         shards = min(load.shards, count)
-        parts = [
-            Group(
-                name=f"users {part + 1}",
-                launches=[launch for person in people[part::shards] for launch in person],
-                wrists=names[part::shards],
-            )
-            for part in range(shards)
-        ]
+        parts: list[Group] = []
+        for part in range(shards):
+            launches = list(chain.from_iterable(people[part::shards]))
+            parts.append(Group(name=f"users {part + 1}", launches=launches, wrists=names[part::shards]))
         return Group(name="site" if site else "onlooker", launches=site), parts
+
     by_service: dict[str, list[Launch]] = {}
-    for launch in (*site, *(launch for person in people for launch in person)):
+    for launch in chain(site, chain.from_iterable(people)):
         by_service.setdefault(launch.service.NAME, []).append(launch)
-    each = [Group(name=name, launches=launches) for name, launches in by_service.items()]
-    return Group(name="wrists", wrists=names), each
+    services = [Group(name=name, launches=launches) for name, launches in by_service.items()]
+    return Group(name="wrists", wrists=names), services
 
 
 def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int, list[Group]]:
@@ -111,22 +110,25 @@ def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int
     Unless the load is `central`, cursors and hovers are computed by shards beside the people.
     """
     site, by_name = load_launches(count)
-    made: dict[int, list[Group]] = {}
+    sharded = [launch for launch in site if launch.service.NAME in SHARDED]
+    groups: dict[int, list[Group]] = {}
     for number, (index, names) in enumerate(spread(list(by_name), machines).items(), 1):
-        own = [launch for name in names for launch in by_name[name]]
-        if not load.central:
-            own += [
-                _shard(launch, f"host{number}", names) for launch in site if launch.service.NAME in SHARDED
-            ]
-        watched = names if not load.central else []
-        made[index] = (
-            [Group(name=f"people {number}", launches=own, wrists=names, watched=watched)] if names else []
-        )
+        groups[index] = []
+
+        # Cursors are observed where they are computed: no link carries more for the observer's sake.
         if number == 1:
             watched = list(by_name) if load.central else []
-            made[index].insert(0, Group(name="site", launches=site, watched=watched, watches_light=True))
-    return made
+            groups[index].append(Group(name="site", launches=site, watched=watched, watches_light=True))
+        if names:
+            launches = list(chain.from_iterable(by_name[name] for name in names))
+            if not load.central:
+                launches += [_shard(launch, f"host{number}", names) for launch in sharded]
+            watched = [] if load.central else names
+            group = Group(name=f"people {number}", launches=launches, wrists=names, watched=watched)
+            groups[index].append(group)
+    return groups
 
 
 def _shard(launch: Launch, name: str, people: Sequence[str]) -> Launch:
-    return replace(launch, name=name, config=launch.config.model_copy(update={"people": tuple(people)}))
+    config = launch.config.model_copy(update={"people": tuple(people)})
+    return replace(launch, name=name, config=config)

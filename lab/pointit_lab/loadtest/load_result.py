@@ -107,95 +107,101 @@ class LoadResult:
     def us_per_sample(self) -> float:
         """Return the CPU time of all processes for one sample, us."""
         per_s = self.sent / self.duration_s
-        return sum(usage.cpu for usage in self.processes) / per_s * 1e6 if per_s else 0.0
+        if not per_s:
+            return 0.0
+        return sum(usage.cpu for usage in self.processes) / per_s * 1e6
 
     def process_rows(self) -> list[dict[str, Any]]:
         """Return for each process its CPU time for one sample of all wrists, us, and its memory."""
         per_s = self.sent / self.duration_s
-        return [
-            {
-                "process": usage.name,
-                "us_per_sample": round(usage.cpu / per_s * 1e6) if per_s else None,
-                "memory_mb": round(usage.memory_mb),
-            }
-            for usage in self.processes
-        ]
+        rows: list[dict[str, Any]] = []
+        for usage in self.processes:
+            us_per_sample = round(usage.cpu / per_s * 1e6) if per_s else None
+            memory_mb = round(usage.memory_mb)
+            rows.append({"process": usage.name, "us_per_sample": us_per_sample, "memory_mb": memory_mb})
+        return rows
 
     def link_rows(self) -> list[dict[str, Any]]:
         """Return for each link its traffic, and its bytes for one sample of all wrists."""
         per_s = self.sent / self.duration_s
-        return [
-            {
-                **link.row(),
-                "bytes_per_sample": round((link.up_bytes_hz + link.down_bytes_hz) / per_s) if per_s else None,
-            }
-            for link in self.links
-        ]
+        rows: list[dict[str, Any]] = []
+        for link in self.links:
+            bytes_hz = link.up_bytes_hz + link.down_bytes_hz
+            bytes_per_sample = round(bytes_hz / per_s) if per_s else None
+            rows.append({**link.row(), "bytes_per_sample": bytes_per_sample})
+        return rows
 
     @property
     def failure(self) -> str:
         """Return the reason why the load was not carried, or `""` if it was."""
-        p99_ms = quantile_ms(self.light_s, 0.99)
+        # What was never sent comes first: with it, all other figures say nothing.
         if self.sent_share < MIN_SENT:
-            return (
-                f"only {round_beyond(100 * self.sent_share, 100 * MIN_SENT, 0)}% of the samples could be sent"
-            )
+            percent = round_beyond(100 * self.sent_share, 100 * MIN_SENT, 0)
+            return f"only {percent}% of the samples could be sent"
+        p99_ms = quantile_ms(self.light_s, 0.99)
         if p99_ms is None:
             return "no light followed any sample"
         if self.dropped > MAX_DROPPED:
             return f"{self.dropped:.1%} of the samples were dropped"
         if self.lost is not None and self.lost > MAX_DROPPED:
             return f"{self.lost:.1%} of the cursors did not reach the lights"
-        return (
-            "" if p99_ms <= P99_MS else f"p99 is {round_beyond(p99_ms, P99_MS, 0)} ms, above {P99_MS:.0f} ms"
-        )
+        if p99_ms > P99_MS:
+            return f"p99 is {round_beyond(p99_ms, P99_MS, 0)} ms, above {P99_MS:.0f} ms"
+        return ""
 
     def row(self) -> dict[str, Any]:
         """Return a row of the table."""
+        # The order of the entries is that of the columns.
+        row: dict[str, Any] = {}
+        if self.hosts:
+            row["hosts"] = self.hosts
+        row["users"] = self.users
+        row["light_p50_ms"] = _rounded(quantile_ms(self.light_s, 0.5))
+        row["light_p99_ms"] = _rounded(quantile_ms(self.light_s, 0.99))
+        row["cursor_p50_ms"] = _rounded(quantile_ms(self.cursor_s, 0.5))
+        row["cursor_p99_ms"] = _rounded(quantile_ms(self.cursor_s, 0.99))
+        row["drops_percent"] = round(self.dropped * 100, 3)
+        if self.lost is not None:
+            row["lost_percent"] = round(self.lost * 100, 3)
+
+        cpu = sum(usage.cpu for usage in self.processes)
+        memory_mb = sum(usage.memory_mb for usage in self.processes)
         busiest = max(self.processes, key=lambda usage: usage.cpu)
-        return {
-            **({"hosts": self.hosts} if self.hosts else {}),
-            "users": self.users,
-            "light_p50_ms": _rounded(quantile_ms(self.light_s, 0.5)),
-            "light_p99_ms": _rounded(quantile_ms(self.light_s, 0.99)),
-            "cursor_p50_ms": _rounded(quantile_ms(self.cursor_s, 0.5)),
-            "cursor_p99_ms": _rounded(quantile_ms(self.cursor_s, 0.99)),
-            "drops_percent": round(self.dropped * 100, 3),
-            **({} if self.lost is None else {"lost_percent": round(self.lost * 100, 3)}),
-            "processes": len(self.processes),
-            "cpu_percent": round(sum(usage.cpu for usage in self.processes) * 100),
-            "us_per_sample": round(self.us_per_sample),
-            "busiest": f"{busiest.name} {busiest.cpu * 100:.0f} %",
-            "memory_mb": round(sum(usage.memory_mb for usage in self.processes)),
-            "load": self.load_average,
-            "carried": "yes" if not self.failure else self.failure,
-        }
+        row["processes"] = len(self.processes)
+        row["cpu_percent"] = round(cpu * 100)
+        row["us_per_sample"] = round(self.us_per_sample)
+        row["busiest"] = f"{busiest.name} {busiest.cpu * 100:.0f} %"
+        row["memory_mb"] = round(memory_mb)
+        row["load"] = self.load_average
+        row["carried"] = self.failure or "yes"
+        return row
 
     def record(self) -> dict[str, Any]:
         """Return all values, for programs."""
-        return {
-            **self.row(),
-            "carried": not self.failure,
-            "failure": self.failure,
-            "layout": self.layout,
-            "rate_hz": self.rate_hz,
-            "duration_s": self.duration_s,
-            "sent": self.sent,
-            "cursors": self.pointed,
-            "hovers": self.hovered,
-            "frames": len(self.light_s),
-            "light_max_ms": _rounded(quantile_ms(self.light_s, 1.0)),
-            "processes": [asdict(usage) for usage in self.processes],
-            "lacking": self.lacking,
-            "links": [asdict(link) for link in self.links],
-        }
+        # Replaced entries keep their place: `carried` is a boolean here, `processes` a list.
+        record = self.row()
+        record["carried"] = not self.failure
+        record["failure"] = self.failure
+        record["layout"] = self.layout
+        record["rate_hz"] = self.rate_hz
+        record["duration_s"] = self.duration_s
+        record["sent"] = self.sent
+        record["cursors"] = self.pointed
+        record["hovers"] = self.hovered
+        record["frames"] = len(self.light_s)
+        record["light_max_ms"] = _rounded(quantile_ms(self.light_s, 1.0))
+        record["processes"] = [asdict(usage) for usage in self.processes]
+        record["lacking"] = self.lacking
+        record["links"] = [asdict(link) for link in self.links]
+        return record
 
 
 def quantile_ms(values_s: Sequence[float], share: float) -> float | None:
     """Return the nearest-rank quantile in ms, or None without values."""
     if not values_s:
         return None
-    return sorted(values_s)[max(0, math.ceil(share * len(values_s)) - 1)] * 1e3
+    rank = math.ceil(share * len(values_s))
+    return sorted(values_s)[max(0, rank - 1)] * 1e3
 
 
 class CapacitySearch:
@@ -227,8 +233,10 @@ class CapacitySearch:
         """Record the outcome of a load."""
         if carried:
             self.carried = max(self.carried, count)
+        elif self._failed is None:
+            self._failed = count
         else:
-            self._failed = count if self._failed is None else min(self._failed, count)
+            self._failed = min(self._failed, count)
 
 
 def _kinds(rates_hz: Mapping[str, float]) -> list[str]:

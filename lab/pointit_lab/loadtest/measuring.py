@@ -36,7 +36,9 @@ async def measure(load: Load, count: int, tell: Tell) -> LoadResult:
     here, remote_groups = groups(load, count)
     async with _bus(load) as (bus, endpoint, router):
         if load.connect:
-            users = [user for group in (here, *remote_groups) for user in group.wrists]
+            users = list(here.wrists)
+            for group in remote_groups:
+                users += group.wrists
             await claim_names(bus, USER_ALIVE, users)
         async with start_load_test(bus, here, remote_groups, endpoint, router) as rig:
             await rig.measure(load.rate_hz, WARM_UP_S, load.name)
@@ -51,14 +53,18 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
         network(machines, "tls" if load.secured else "tcp") as host_network,
         contextlib.ExitStack() as stack,
     ):
+        # Without the privilege for namespaces it measures nevertheless, all but the links.
         if host_network.lacking:
             tell(
                 f"  hosts are processes on loopback, and their links are not measured "
                 f"({host_network.lacking}); run as root, or by `unshare --map-root-user --net pointit load …`"
             )
+
+        # The certificates name all addresses of the routers, so they come after the network.
         site: SiteFolder | None = None
         if load.secured:
-            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, host_network.addresses())
+            addresses = host_network.addresses()
+            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, addresses)
             stack.enter_context(_given(credentials))
         people = host_groups(load, count, machines)
         async with start_hosts_test(
@@ -69,6 +75,7 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
             folder=Path(folder),
             site_folder=site,
         ) as test:
+            # The first samples meet links that have yet to learn who reads what: they are not measured.
             await test.until_carried(load.rate_hz, WARM_UP_S)
             tell(f"  measuring for {load.duration_s:g} s …")
             return await test.measure(load.rate_hz, load.duration_s, load.name)
@@ -83,10 +90,16 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
         return
     async with contextlib.AsyncExitStack() as stack:
         port = free_port()
-        endpoint = f"tls/127.0.0.1:{port}" if load.secured else f"tcp/127.0.0.1:{port}"
+        scheme = "tls" if load.secured else "tcp"
+        endpoint = f"{scheme}/127.0.0.1:{port}"
+
+        # Processes meet at the router, else at this one, unless all are in this one.
         credentials = None
         router = None
+        connect: tuple[str, ...] = ()
+        listen: tuple[str, ...] = ()
         if load.router:
+            connect = (endpoint,)
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-router-")))
             configuration = plain_configuration(endpoint, ())
             if load.secured:
@@ -94,12 +107,10 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
                 configuration = secured_configuration(site, (), port)
                 stack.enter_context(_given(credentials))
             router = await stack.enter_async_context(router_process(configuration, load.router, folder))
-        link = Link(
-            site=load.site,
-            connect=(endpoint,) if load.router else (),
-            listen=(endpoint,) if not load.router and load.layout != "one" else (),
-            credentials=credentials,
-        )
+        elif load.layout != "one":
+            listen = (endpoint,)
+
+        link = Link(site=load.site, connect=connect, listen=listen, credentials=credentials)
         bus = await ZenohBus.open(link, patience_s=5.0)
         stack.push_async_callback(bus.close)
         yield bus, endpoint, router

@@ -25,14 +25,14 @@ class LoadTest:
         self._bus = bus
         self._workers = workers
         self._router = router
-        self._here = local_group
-        self._users = [
-            user for group in (local_group, *(worker.group for worker in workers)) for user in group.wrists
-        ]
+        self._local_group = local_group
+        self._users = list(local_group.wrists)
+        for worker in workers:
+            self._users += worker.group.wrists
         self._sight = LoadTestReceiver(frozenset(self._users))
-        self._wrists = [
-            LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(local_group.wrists)
-        ]
+        self._wrists: list[LoadTestWrist] = []
+        for index, user in enumerate(local_group.wrists):
+            self._wrists.append(LoadTestWrist(bus.publisher(IMU, user), index))
         self._sight.watch(bus)
         self._sight.watch_light(bus)
 
@@ -61,8 +61,10 @@ class LoadTest:
         """Drive all wrists for `duration_s` and return the result."""
         self._sight.clear()
         before = read_usage()
-        sent = sum(wrist.sent for wrist in self._wrists)
-        router = read_usage(self._router) if self._router else None
+        sent_before = sum(wrist.sent for wrist in self._wrists)
+        router_before = read_usage(self._router) if self._router else None
+
+        # The workers begin together with this process, and answer when their wrists are done.
         began_s = time.monotonic()
         for worker in self._workers:
             worker.send_line({"rate_hz": rate_hz, "duration_s": duration_s})
@@ -71,18 +73,24 @@ class LoadTest:
         lasted_s = time.monotonic() - began_s
         after = read_usage()
         await asyncio.sleep(DRAIN_S)
-        sent = sum(wrist.sent for wrist in self._wrists) - sent + sum(answer["sent"] for answer in answers)
+
+        sent = sum(wrist.sent for wrist in self._wrists) - sent_before
         usages: list[Usage] = []
         if before is not None and after is not None:
             cpu = (after.cpu_s - before.cpu_s) / lasted_s
-            usages.append(Usage(name=self._here.name, cpu=cpu, memory_mb=after.memory_mb))
-        usages += [
-            Usage(name=worker.group.name, cpu=answer["cpu_s"] / lasted_s, memory_mb=answer["memory_mb"])
-            for worker, answer in zip(self._workers, answers, strict=True)
-        ]
-        if router is not None and (now := read_usage(self._router)) is not None:
-            cpu = (now.cpu_s - router.cpu_s) / lasted_s
-            usages.append(Usage(name="router", cpu=cpu, memory_mb=now.memory_mb))
+            usages.append(Usage(name=self._local_group.name, cpu=cpu, memory_mb=after.memory_mb))
+        for worker, answer in zip(self._workers, answers, strict=True):
+            sent += answer["sent"]
+            cpu = answer["cpu_s"] / lasted_s
+            usages.append(Usage(name=worker.group.name, cpu=cpu, memory_mb=answer["memory_mb"]))
+
+        # The router also carries what still travels, so its usage is read after that.
+        router_after = read_usage(self._router) if router_before is not None else None
+        if router_before is not None and router_after is not None:
+            cpu = (router_after.cpu_s - router_before.cpu_s) / lasted_s
+            usages.append(Usage(name="router", cpu=cpu, memory_mb=router_after.memory_mb))
+
+        has_load_average = hasattr(os, "getloadavg")  # not on Windows
         return LoadResult(
             users=len(self._users),
             rate_hz=rate_hz,
@@ -94,7 +102,7 @@ class LoadTest:
             light_s=self._sight.light_s(),
             cursor_s=list(self._sight.cursor_s),
             processes=usages,
-            load_average=round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+            load_average=round(os.getloadavg()[0], 1) if has_load_average else None,
         )
 
 
@@ -108,11 +116,9 @@ async def start_load_test(
         ConfigError: If a process ended, or they were not ready in time.
     """
     async with contextlib.AsyncExitStack() as stack:
-        services = (
-            await stack.enter_async_context(running(local_group.launches, bus))
-            if local_group.launches
-            else None
-        )
+        services: asyncio.Task[None] | None = None
+        if local_group.launches:
+            services = await stack.enter_async_context(running(local_group.launches, bus))
         workers: list[Worker] = []
         stack.push_async_callback(_end_all, workers)
         for group in remote_groups:

@@ -59,8 +59,9 @@ class LoadTestReceiver:
 
     def clear(self) -> None:
         """Forget what was received, but for the poses."""
-        for kept in (self.stamps, self.cursor_s, self.frames):
-            kept.clear()
+        self.stamps.clear()
+        self.cursor_s.clear()
+        self.frames.clear()
         with self._counting:
             self.hovers = self.arrived = 0
 

@@ -34,9 +34,12 @@ class LoadSlope:
 
     def __str__(self) -> str:
         """Return it with the digits that its error permits."""
+        if self.error is None:
+            return f"{self.value:.3g} ± ?"
         if not self.error:
-            return f"{self.value:.3g} ± {'?' if self.error is None else 0}"
-        digits = max(0, 1 - math.floor(math.log10(self.error)))
+            return f"{self.value:.3g} ± 0"
+        magnitude = math.floor(math.log10(self.error))
+        digits = max(0, 1 - magnitude)
         return f"{self.value:.{digits}f} ± {self.error:.{digits}f}"
 
 
@@ -46,28 +49,34 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
     Unknowns that cannot be told from the ones before them are left out: that of hosts if their number never
     changed. Empty with fewer values than unknowns.
     """
-    kept: dict[str, Sequence[float]] = {}
+    # A column that raises the rank is independent of those before it.
+    columns: dict[str, Sequence[float]] = {}
     for name, column in unknowns.items():
-        if np.linalg.matrix_rank(np.column_stack([*kept.values(), column])) > len(kept):
-            kept[name] = column
-    if len(values) < max(2, len(kept)):
+        extended = np.column_stack([*columns.values(), column])
+        if np.linalg.matrix_rank(extended) > len(columns):
+            columns[name] = column
+    if len(values) < max(2, len(columns)):
         return {}
     from scipy.stats import t as student  # noqa: PLC0415 - takes half a second
 
-    design = np.column_stack(list(kept.values()))
+    design = np.column_stack(list(columns.values()))
     measured = np.asarray(values)
     solution = np.linalg.lstsq(design, measured)[0]
-    free = len(values) - len(kept)
-    error: list[float | None] = [None] * len(kept)
-    if free:
-        variance = float(np.sum((measured - design @ solution) ** 2)) / free
+
+    # The residuals say something about the errors only if there are more values than unknowns.
+    degrees_of_freedom = len(values) - len(columns)
+    errors: list[float | None] = [None] * len(columns)
+    if degrees_of_freedom:
+        residuals = measured - design @ solution
+        variance = float(np.sum(residuals**2)) / degrees_of_freedom
         covariance = variance * np.linalg.inv(design.T @ design)
-        quantile = float(student.ppf((1 + CONFIDENCE) / 2, free))
-        error = [math.sqrt(each) * quantile for each in np.diag(covariance)]
-    return {
-        name: LoadSlope(value=float(value), error=half)
-        for name, value, half in zip(kept, solution, error, strict=True)
-    }
+        quantile = float(student.ppf((1 + CONFIDENCE) / 2, degrees_of_freedom))
+        errors = [math.sqrt(diagonal) * quantile for diagonal in np.diag(covariance)]
+
+    slopes: dict[str, LoadSlope] = {}
+    for name, value, error in zip(columns, solution, errors, strict=True):
+        slopes[name] = LoadSlope(value=float(value), error=error)
+    return slopes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,31 +103,44 @@ class PartSlopes:
         if cpu.error is None:
             return CORE / cpu.value, None, None
         low = cpu.value - cpu.error
-        return CORE / cpu.value, CORE / (cpu.value + cpu.error), CORE / low if low > 0 else None
+        high = cpu.value + cpu.error
+        most = CORE / low if low > 0 else None
+        return CORE / cpu.value, CORE / high, most
 
     def row(self) -> dict[str, Any]:
         """Return a row of the table."""
-        carried = self.people_a_core
-        shown = None
-        if carried is not None:
-            value, *ends = carried
-            lower, upper = ("?" if end is None else f"{end:.0f}" for end in ends)
-            shown = f"{value:.0f} [{lower}, {upper}]"
-        kinds = {"cpu_percent": self.cpu_percent, "memory_mb": self.memory_mb}
-        columns = {
-            f"{kind}_{name}": str(found[name]) if name in found else None
-            for kind, found in kinds.items()
-            for name in (FIXED, PER_PERSON, PER_HOST)
-        }
-        return {"part": self.part, "points": self.points, **columns, "people_a_core": shown}
+        # All columns are there, also those of unknowns that were left out: the rows are one table.
+        row: dict[str, Any] = {"part": self.part, "points": self.points}
+        for kind, slopes in (("cpu_percent", self.cpu_percent), ("memory_mb", self.memory_mb)):
+            for name in (FIXED, PER_PERSON, PER_HOST):
+                row[f"{kind}_{name}"] = str(slopes[name]) if name in slopes else None
+
+        people_a_core = self.people_a_core
+        row["people_a_core"] = None
+        if people_a_core is not None:
+            value, least, most = people_a_core
+            row["people_a_core"] = f"{value:.0f} [{_whole(least)}, {_whole(most)}]"
+        return row
 
     def record(self) -> dict[str, Any]:
         """Return all values, for programs."""
         return {**asdict(self), "people_a_core": self.people_a_core}
 
 
+def _whole(value: float | None) -> str:
+    return "?" if value is None else f"{value:.0f}"
+
+
 def _people(usages: Sequence[Usage]) -> list[Usage]:
     return [usage for usage in usages if re.match(r"people|users|all", usage.name)]
+
+
+def _cpu(usages: Sequence[Usage]) -> float:
+    return sum(usage.cpu for usage in usages)
+
+
+def _memory_mb(usages: Sequence[Usage]) -> float:
+    return sum(usage.memory_mb for usage in usages)
 
 
 def _site(usages: Sequence[Usage]) -> list[Usage]:
@@ -145,18 +167,16 @@ def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
     Those of a machine that was too busy to send all samples are left out: late samples share wake-ups.
     """
     results = [result for result in results if result.sent_share >= MIN_SENT]
-    unknowns = {
-        FIXED: [1.0] * len(results),
-        PER_PERSON: [result.sent / (result.rate_hz * result.duration_s) for result in results],
-        PER_HOST: [float(result.hosts) for result in results],
-    }
+    people = [result.sent / (result.rate_hz * result.duration_s) for result in results]
+    hosts = [float(result.hosts) for result in results]
+    unknowns = {FIXED: [1.0] * len(results), PER_PERSON: people, PER_HOST: hosts}
     slopes: list[PartSlopes] = []
     for name, choose in PARTS.items():
         parts = [choose(result.processes) for result in results]
         if not all(parts):
             continue
-        cpu = fit(unknowns, [sum(usage.cpu for usage in part) * CORE for part in parts])
-        memory = fit(unknowns, [sum(usage.memory_mb for usage in part) for part in parts])
+        cpu = fit(unknowns, [_cpu(part) * CORE for part in parts])
+        memory = fit(unknowns, [_memory_mb(part) for part in parts])
         if PER_PERSON in cpu:
             slopes.append(PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory))
     return slopes

@@ -30,15 +30,16 @@ from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 TIMEOUT_S = 10.0
 
 
-def _launch(one: Mapping[str, Any]) -> Launch:
-    service = registry.process(one["service"]).load()
+def _launch(dumped: Mapping[str, Any]) -> Launch:
+    service = registry.process(dumped["service"]).load()
     layers = Layers()
-    layers.add(one["config"], "load test")
-    return Launch(service=service, config=layers.build(service.CONFIG), user=one["user"], name=one["name"])
+    layers.add(dumped["config"], "load test")
+    config = layers.build(service.CONFIG)
+    return Launch(service=service, config=config, user=dumped["user"], name=dumped["name"])
 
 
-def _say(what: Mapping[str, Any]) -> None:
-    sys.stdout.write(json.dumps(what) + "\n")
+def _reply(message: Mapping[str, Any]) -> None:
+    sys.stdout.write(json.dumps(message) + "\n")
     sys.stdout.flush()
 
 
@@ -48,15 +49,15 @@ async def _work() -> int:
         lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
     )
     task = json.loads(await reader.readline())
-    credentials = os.environ.get(VARIABLE)
-    link = Link(
-        site=task["site"],
-        connect=(task["connect"],),
-        credentials=None if not credentials else read_credentials(Path(credentials), _now()),
-    )
+    folder = os.environ.get(VARIABLE)
+    credentials = read_credentials(Path(folder), _now()) if folder else None
+    link = Link(site=task["site"], connect=(task["connect"],), credentials=credentials)
     bus = await ZenohBus.open(link, patience_s=TIMEOUT_S)
-    services = asyncio.create_task(run_services([_launch(one) for one in task["launches"]], bus, WallClock()))
-    if task["launches"]:  # else it drives wrists alone
+
+    # If the services end, so does the loop of orders below.
+    launches = [_launch(dumped) for dumped in task["launches"]]
+    services = asyncio.create_task(run_services(launches, bus, WallClock()))
+    if launches:  # else it drives wrists alone
         services.add_done_callback(lambda _: reader.feed_eof())
     try:
         wrists = [LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
@@ -69,24 +70,30 @@ async def _work() -> int:
             order = json.loads(line)
             if not order:  # it asks for the poses
                 await sight.until_poses(services)
-                _say({})
+                _reply({})
                 continue
             sight.clear()
-            before, sent = read_usage(), sum(wrist.sent for wrist in wrists)
+            before = read_usage()
+            sent_before = sum(wrist.sent for wrist in wrists)
             began_s = time.monotonic()
             await drive_wrists(wrists, order["rate_hz"], order["duration_s"])
             lasted_s = time.monotonic() - began_s
             after = read_usage()
-            await asyncio.sleep(DRAIN_S if task["watched"] or task["watches_light"] else 0.0)
-            _say(
-                {
-                    "lasted_s": lasted_s,
-                    "sent": sum(wrist.sent for wrist in wrists) - sent,
-                    "cpu_s": after.cpu_s - before.cpu_s if before and after else 0.0,
-                    "memory_mb": after.memory_mb if after else 0.0,
-                    "sight": sight.dump(),
-                }
-            )
+
+            # Only an observer waits for what still travels. The usage above is without that time.
+            is_observer = task["watched"] or task["watches_light"]
+            await asyncio.sleep(DRAIN_S if is_observer else 0.0)
+            cpu_s = 0.0
+            if before and after:
+                cpu_s = after.cpu_s - before.cpu_s
+            reply = {
+                "lasted_s": lasted_s,
+                "sent": sum(wrist.sent for wrist in wrists) - sent_before,
+                "cpu_s": cpu_s,
+                "memory_mb": after.memory_mb if after else 0.0,
+                "sight": sight.dump(),
+            }
+            _reply(reply)
         if services.done():
             services.result()
     finally:

@@ -51,17 +51,18 @@ class Counters:
             ConfigError: If one ended.
         """
         machines = network.machines
-        made = cls({index: machines[index].name for index in sorted(network.traffic())})
-        for index in made._links:
-            made._running[index] = await asyncio.create_subprocess_exec(
+        counters = cls({index: machines[index].name for index in sorted(network.traffic())})
+        for index in counters._links:
+            counters._running[index] = await asyncio.create_subprocess_exec(
                 *network.arguments(index, sys.executable, "-m", __name__, UPLINK),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 process_group=0,
             )
-        for index in made._links:
-            await made._line(index)
-        return made
+        # Only now: the processes start beside each other.
+        for index in counters._links:
+            await counters._line(index)
+        return counters
 
     async def count(self, duration_s: float) -> dict[int, Contents]:
         """Count for `duration_s` from now on. Return what crossed, by the lower machine's index.
@@ -72,9 +73,11 @@ class Counters:
         for counter in self._running.values():
             if counter.stdin is not None:
                 counter.stdin.write(f"{duration_s}\n".encode())
-        counters = {index: json.loads(await self._line(index)) for index in self._links}
+        contents: dict[int, Contents] = {}
+        for index in self._links:
+            contents[index] = Contents(**json.loads(await self._line(index)))
         await asyncio.gather(*(counter.communicate() for counter in self._running.values()))
-        return {index: Contents(**each) for index, each in counters.items()}
+        return contents
 
     async def _line(self, index: int) -> bytes:
         counter = self._running[index]

@@ -48,26 +48,25 @@ class NamespaceNetwork:
 
     def listen(self, index: int) -> str:
         """Return the address where a machine's router listens."""
-        return (
-            f"{self.scheme}/127.0.0.1:{self._port(index)}"
-            if self.lacking
-            else f"{self.scheme}/0.0.0.0:{PORT}"
-        )
+        return self._local_address(index) if self.lacking else f"{self.scheme}/0.0.0.0:{PORT}"
 
     def endpoint(self, index: int) -> str:
         """Return the address of the router that a machine's people join."""
         router = router_of(self.machines, index)
-        return self._near(router) if router == index else self.uplink(index)
+        return self._local_address(router) if router == index else self.uplink(index)
 
     def uplink(self, index: int) -> str:
         """Return the address of the router above a machine that is not the root."""
-        uplink = self.machines[index].uplink
-        return self._near(uplink) if self.lacking else f"{self.scheme}/{_address(index, 2)}:{PORT}"
+        if self.lacking:
+            return self._local_address(self.machines[index].uplink)
+        return f"{self.scheme}/{_address(index, 2)}:{PORT}"
 
     def addresses(self) -> list[str]:
         """Return all addresses at which a router is reached."""
-        far = [] if self.lacking else [_address(index, 2) for index in range(1, len(self.machines))]
-        return ["127.0.0.1", *far]
+        addresses = ["127.0.0.1"]
+        if not self.lacking:
+            addresses += [_address(index, 2) for index in range(1, len(self.machines))]
+        return addresses
 
     def traffic(self) -> dict[int, NamespaceTraffic]:
         """Return the traffic of each link, by its lower machine's index. That of loopback is unknown."""
@@ -82,6 +81,8 @@ class NamespaceNetwork:
             OSError: A program is missing, as on other systems than Linux.
             RuntimeError: The system forbids it.
         """
+        # A namespace lives as long as a process in it. `sh` says an empty line when it is in; any other line
+        # is an error of `unshare`.
         for _ in self.machines:
             holder = subprocess.Popen(
                 ["unshare", "--net", "sh", "-c", "echo; exec cat"],  # noqa: S607 - ends with our end of its pipe
@@ -94,16 +95,18 @@ class NamespaceNetwork:
             line = b"" if holder.stdout is None else holder.stdout.readline().strip()
             if line:
                 raise RuntimeError(line.decode(errors="replace"))
+
+        # Every machine but the root has a cable to the one above. Each cable is a network of its own (/30).
         for index, machine in enumerate(self.machines):
             self._ip(index, "link", "set", "lo", "up")
             if not index:
                 continue
-            far = f"down{index}"
-            peer = ("peer", "name", far, "netns", str(self.holders[machine.uplink].pid))
+            downlink = f"down{index}"
+            peer = ("peer", "name", downlink, "netns", str(self.holders[machine.uplink].pid))
             self._ip(index, "link", "add", UPLINK, "type", "veth", *peer)
-            for where, device, end in ((index, UPLINK, 1), (machine.uplink, far, 2)):
-                self._ip(where, "address", "add", f"{_address(index, end)}/30", "dev", device)
-                self._ip(where, "link", "set", "dev", device, "up")
+            for end_index, device, end in ((index, UPLINK, 1), (machine.uplink, downlink, 2)):
+                self._ip(end_index, "address", "add", f"{_address(index, end)}/30", "dev", device)
+                self._ip(end_index, "link", "set", "dev", device, "up")
 
     def close(self) -> None:
         """Remove the namespaces."""
@@ -112,7 +115,7 @@ class NamespaceNetwork:
             holder.communicate()
         self.holders.clear()
 
-    def _near(self, index: int) -> str:
+    def _local_address(self, index: int) -> str:
         return f"{self.scheme}/127.0.0.1:{self._port(index)}"
 
     def _port(self, index: int) -> int:
@@ -124,18 +127,21 @@ class NamespaceNetwork:
 
     def _ip(self, index: int, *arguments: str) -> None:
         command = self.arguments(index, "ip", *arguments)
-        done = subprocess.run(  # noqa: S603 - `ip`, with our own names
+        process = subprocess.run(  # noqa: S603 - `ip`, with our own names
             command, capture_output=True, text=True, check=False, timeout=STEP_S
         )
-        if done.returncode:
-            raise RuntimeError(done.stderr.strip())
+        if process.returncode:
+            raise RuntimeError(process.stderr.strip())
 
     def _traffic(self, index: int) -> NamespaceTraffic:
         devices = Path(f"/proc/{self.holders[index].pid}/net/dev").read_text(encoding="ascii")
+        # Eight columns of what was received, then eight of what was sent: bytes and packets are the first.
         columns = devices.partition(f"{UPLINK}:")[2].split()
-        down_bytes, down_packets, up_bytes, up_packets = (int(columns[each]) for each in (0, 1, 8, 9))
         return NamespaceTraffic(
-            up_bytes=up_bytes, up_packets=up_packets, down_bytes=down_bytes, down_packets=down_packets
+            up_bytes=int(columns[8]),
+            up_packets=int(columns[9]),
+            down_bytes=int(columns[0]),
+            down_packets=int(columns[1]),
         )
 
 

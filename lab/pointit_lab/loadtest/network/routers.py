@@ -36,12 +36,12 @@ def plain_configuration(listen: str, uplinks: Sequence[str]) -> dict[str, Any]:
 
 def secured_configuration(site: SiteFolder, uplinks: Sequence[str], port: int) -> dict[str, Any]:
     """Return the configuration of a router of a site, as `pointit site` makes it, on `port`."""
-    routed = site.router_site(tuple(uplinks))
-    made = configuration([routed])
-    own = f":{routed.port}"
-    other = f":{port}"
-    made["listen"]["endpoints"] = [each.replace(own, other, 1) for each in made["listen"]["endpoints"]]
-    return made
+    router_site = site.router_site(tuple(uplinks))
+    router_configuration = configuration([router_site])
+    own_port = f":{router_site.port}"
+    listen = router_configuration["listen"]
+    listen["endpoints"] = [endpoint.replace(own_port, f":{port}", 1) for endpoint in listen["endpoints"]]
+    return router_configuration
 
 
 @contextlib.asynccontextmanager
@@ -55,7 +55,10 @@ async def router_process(
     Raises:
         ConfigError: If it is not installed, or has ended.
     """
-    command = [*place, *with_parent(), *_command(program), "--config", _written(made, folder)]
+    file = _written(made, folder)
+    command = [*place, *with_parent(), *_command(program), "--config", file]
+
+    # A group of its own: Ctrl-C at a terminal must not end it before the processes that it connects.
     with (folder / "log").open("w") as log:
         process = await asyncio.create_subprocess_exec(
             *command,
@@ -65,6 +68,8 @@ async def router_process(
             env={"RUST_LOG": "error", **os.environ},
             process_group=0,
         )
+
+    # Where a process cannot connect, the reason may be the router's own: its last line says it.
     try:
         yield process.pid
     except ConnectError as error:

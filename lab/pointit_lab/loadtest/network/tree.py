@@ -24,18 +24,18 @@ def tree(hosts: int, routers: int, fan: int) -> list[Machine]:
     share routers.
     """
     above = max(0, routers - hosts)
-    machines = [
-        Machine(
-            name=f"above {index + 1}" if index < above else f"host {index - above + 1}",
-            has_router=True,
-            has_people=index >= above,
-            uplink=max(0, index - 1) // fan,
-        )
-        for index in range(routers)
-    ]
+    machines: list[Machine] = []
+    for index in range(routers):
+        has_people = index >= above
+        name = f"host {index - above + 1}" if has_people else f"above {index + 1}"
+        uplink = max(0, index - 1) // fan
+        machines.append(Machine(name=name, has_router=True, has_people=has_people, uplink=uplink))
+
+    # Hosts without a router of their own are spread over the routers in turn.
     for index in range(routers, hosts):
+        name = f"host {index + 1}"
         uplink = index % routers
-        machines.append(Machine(name=f"host {index + 1}", has_router=False, has_people=True, uplink=uplink))
+        machines.append(Machine(name=name, has_router=False, has_people=True, uplink=uplink))
     return machines
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +14,9 @@ from pointit_lab.evaluation.datasets.proximity_feedback import NAME as FEEDBACK
 from pointit_lab.evaluation.pointing.drift import CHAINED, CHAINS_REMARK
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from pointit_lab.evaluation.recordings.row import ALL, Row, arranged, document
+
+if TYPE_CHECKING:
+    from pointit_lab.evaluation.localization.over_people import OverPeople
 
 OURS = "pointit"
 
@@ -37,9 +41,11 @@ def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str
 
 def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
     remarks = [UNCORRECTED_REMARK]
-    if any((row.set, row.condition) == (FEEDBACK, CHAINED) for row in rows):
+    if (FEEDBACK, CHAINED) in {(row.set, row.condition) for row in rows}:
         remarks.append(CHAINS_REMARK)
-    return [*remarks, BOUND_REMARK] if any(row.solver == "bound" for row in rows) else remarks
+    if any(row.solver == "bound" for row in rows):
+        remarks.append(BOUND_REMARK)
+    return remarks
 
 
 def _options(command: Callable[..., None]) -> Callable[..., None]:
@@ -126,15 +132,24 @@ def localization(
                 tick=lambda done, _: tell_progress("localizations", done),
             )
         rows = arranged(rows)
-        over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
-        written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
-        if write_json({**document(rows), "over_people": written}, json_file):
+
+        # Sets with too few people have no figures over people.
+        figures_by_set: dict[str, list[OverPeople]] = {}
+        for name in sets_of(rows):
+            set_rows = [row for row in rows if row.set == name]
+            figures = over_people(set_rows, OURS)
+            if figures:
+                figures_by_set[name] = figures
+        over_document: dict[str, Any] = {}
+        for name, figures in figures_by_set.items():
+            over_document[name] = [solver.as_json() for solver in figures]
+        if write_json({**document(rows), "over_people": over_document}, json_file):
             return
+
         screen = evaluation_console()
         print_rows(screen, shown(rows, brief=brief), _localization_remarks(rows, BASELINE_TRIALS))
-        for name, of_set in over.items():
-            if of_set:
-                print_over_people(screen, f"{name}, over people", of_set, OURS)
+        for name, figures in figures_by_set.items():
+            print_over_people(screen, f"{name}, over people", figures, OURS)
 
 
 def _evaluate_sessions(
@@ -162,7 +177,9 @@ def _evaluate_sessions(
             sessions = read_sessions(recordings, tell)
         for note in sessions.notes:
             click.echo(f"note: {note}", err=True)
-        trials = [trial for trial in sessions.trials if not subjects or trial.subject in subjects]
+        trials = list(sessions.trials)
+        if subjects:
+            trials = [trial for trial in trials if trial.subject in subjects]
         with progress(len(trials)) as tell_solved:
             solved = localization_rows(
                 trials,
@@ -170,20 +187,25 @@ def _evaluate_sessions(
                 jobs=jobs,
                 tick=lambda done, _: tell_solved("localizations", done),
             )
-    rows = arranged(
-        row for row in (*solved, *sessions.rows()) if not subjects or row.subject in (ALL, *subjects)
-    )
+
+    # Beside the poses solved again are those found live. Rows over all people stay with any --subject.
+    rows: Sequence[Row] = (*solved, *sessions.rows())
+    if subjects:
+        rows = [row for row in rows if row.subject in (ALL, *subjects)]
+    rows = arranged(rows)
     if not rows:
         raise ConfigError(f"--subject {subjects[0]}: no person of that name can be scored here")
     over = over_people(rows, OURS)
-    if not write_json({**document(rows), "over_people": [each.as_json() for each in over]}, json_file):
-        screen = evaluation_console()
-        remarks = ["`live`: as found in the session; `anchors`: pointing at lamps afterwards."]
-        print_rows(screen, shown(rows, brief=brief), remarks)
-        if over:
-            print_over_people(screen, "over people", over, OURS)
-        else:
-            click.echo(f"No interval over people: at least {MIN_PEOPLE} have to be scored.")
+    if write_json({**document(rows), "over_people": [figures.as_json() for figures in over]}, json_file):
+        return
+
+    screen = evaluation_console()
+    remarks = ["`live`: as found in the session; `anchors`: pointing at lamps afterwards."]
+    print_rows(screen, shown(rows, brief=brief), remarks)
+    if over:
+        print_over_people(screen, "over people", over, OURS)
+    else:
+        click.echo(f"No interval over people: at least {MIN_PEOPLE} have to be scored.")
 
 
 @click.command("pointing")
@@ -222,8 +244,8 @@ def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set")
     """
     for name in sets:
         if name not in known:
-            what = option.removeprefix("--")
-            raise ConfigError(f"{option} {name}: there is no such {what}; there are {', '.join(known)}")
+            noun = option.removeprefix("--")
+            raise ConfigError(f"{option} {name}: there is no such {noun}; there are {', '.join(known)}")
 
 
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
@@ -234,7 +256,9 @@ def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *,
 
 def shown(rows: Sequence[Row], *, brief: bool) -> list[Row]:
     """Return `rows`, without those of single people if `brief`."""
-    return [row for row in rows if row.subject == ALL or not brief]
+    if not brief:
+        return list(rows)
+    return [row for row in rows if row.subject == ALL]
 
 
 def sets_of(rows: Sequence[Row]) -> list[str]:

@@ -1,8 +1,9 @@
 """`pointit evaluate honesty`: whether stated uncertainties hold, with faults injected on purpose."""
 
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.text import Text
@@ -81,25 +82,31 @@ def honesty(
     from pointit_lab.evaluation.honesty.sources import FULL, QUICK, SETS, SIMULATED, people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.honesty.targets import missed, regressions  # noqa: PLC0415 - as above
 
+    # What was mistyped is reported before anything is computed.
     check_sets(sets, SETS)
-    check_sets(names, [each.name for each in INJECTIONS], "--condition")
+    check_sets(names, [injection.name for injection in INJECTIONS], "--condition")
     check_writable(json_file)
-    chosen = [each for each in INJECTIONS if not names or each.name in names]
+    injections = list(INJECTIONS)
+    if names:
+        injections = [injection for injection in INJECTIONS if injection.name in names]
     with interruptible():
-        size = QUICK if quick or gate else FULL
+        is_quick = quick or gate
+        size = QUICK if is_quick else FULL
         recordings = None if data is None else recordings_folder(data)
         if recordings is None:
             click.echo("note: simulated people only: give --data DIR with the recordings", err=True)
-        found = people(recordings, sets, size, seed)
-        for note in found.notes:
+        subjects = people(recordings, sets, size, seed)
+        for note in subjects.notes:
             click.echo(f"note: {note}", err=True)
-        sources = sources_of(found.followed, found.rooms, chosen, size.windows)
+
+        # Rows with few poses get further simulated people, so that their shares say something.
+        sources = sources_of(subjects.followed, subjects.rooms, injections, size.windows)
         with progress(len(sources)) as tell_progress:
             verdicts = judged_sources(sources, jobs=jobs, tick=lambda done, _: tell_progress("people", done))
         with progress() as tell_progress:
             verdicts = drawn_again(
                 verdicts,
-                chosen,
+                injections,
                 size,
                 seed,
                 jobs=jobs,
@@ -107,25 +114,28 @@ def honesty(
             )
         rows = rows_of(verdicts)
         pooled = pooled_rows(verdicts, SIMULATED)
-        asked = {
-            (name, each.name)
-            for name in sets or (SIMULATED if recordings is None else SETS)
-            for each in chosen
-        }
-        worse = regressions(rows, asked) if gate else []
+
+        # A row that should be there and is missing is a regression, too.
+        default_sets = SIMULATED if recordings is None else SETS
+        expected = set(product(sets or default_sets, [injection.name for injection in injections]))
+        worse = regressions(rows, expected) if gate else []
         misses = missed(rows)
-        document = {
+        document: dict[str, Any] = {
             "rows": [row.as_json() for row in rows],
             "pooled": [row.as_json() for row in pooled],
-            "missed": [
-                {"set": row.set, "condition": row.condition, "figures": broken} for row, broken in misses
-            ],
-            "worse": worse,
         }
+        document["missed"] = [_missed_document(row, figures) for row, figures in misses]
+        document["worse"] = worse
         if not write_json(document, json_file):
             print_honesty([*rows, *pooled], misses)
+
+    # The gate fails last: its rows are printed or written before.
     if worse:
         raise click.ClickException("worse than stated: " + "; ".join(worse))
+
+
+def _missed_document(row: HonestyRow, figures: Sequence[str]) -> dict[str, Any]:
+    return {"set": row.set, "condition": row.condition, "figures": figures}
 
 
 COLUMNS = (
@@ -170,8 +180,8 @@ def print_honesty(rows: Sequence[HonestyRow], missed: Sequence[tuple[HonestyRow,
         missed: rows, and their figures out of range.
     """
     console = evaluation_console()
-    for name, of_set in groupby(rows, key=lambda row: row.set):
-        shown = [row for row in of_set if row.duration == EVERY]
+    for name, group in groupby(rows, key=lambda row: row.set):
+        shown = [row for row in group if row.duration == EVERY]
         words = {"condition": [row.condition for row in shown]}
         console.print(fitted_table(console, name, words, COLUMNS, shown).table)
     console.print(Text(NOTES))
@@ -182,7 +192,10 @@ def print_honesty(rows: Sequence[HonestyRow], missed: Sequence[tuple[HonestyRow,
 
 
 def _range(shares: tuple[float, float] | None) -> str | None:
-    return None if shares is None else "{:.0f}-{:.0f}".format(*(100.0 * share for share in shares))
+    if shares is None:
+        return None
+    low, high = shares
+    return f"{100.0 * low:.0f}-{100.0 * high:.0f}"
 
 
 def _interval(share: Interval | None) -> str | None:

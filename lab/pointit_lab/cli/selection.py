@@ -127,29 +127,34 @@ def selection(
     from pointit_lab.evaluation.selection.plot import check_plot, plot  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.selection.selection import document, selection_rows  # noqa: PLC0415 - SciPy, and all services' cores
 
-    chosen = tuple(dict.fromkeys(methods)) or METHODS
-    for name in chosen:
+    # What was mistyped is reported before anything is computed.
+    chosen_methods = tuple(dict.fromkeys(methods)) or METHODS
+    for name in chosen_methods:
         selector_config(name)
-    tried = _named(conditions(benches), names)
+    chosen_conditions = _named(conditions(benches), names)
     check_writable(json_file)
     check_writable(plot_file, "--plot")
     if plot_file is not None:
         check_plot(plot_file)
     with interruptible():
         notes: list[str] = []
-        people = humans(None if data is None else recordings_folder(data), notes)
+        recordings = None if data is None else recordings_folder(data)
+        people = humans(recordings, notes)
         for note in notes:
             click.echo(f"note: {note}", err=True)
-        with progress(len(tried) * len(chosen) * trials) as tell_progress:
+        trial_count = len(chosen_conditions) * len(chosen_methods) * trials
+        with progress(trial_count) as tell_progress:
             rows, differences = selection_rows(
-                tried,
-                chosen,
+                chosen_conditions,
+                chosen_methods,
                 trials=trials,
                 seed=seed,
                 jobs=jobs,
                 humans=people,
                 tick=lambda done, _: tell_progress("trials", done),
             )
+
+        # The plot comes beside the table or the file, which have all figures.
         if plot_file is not None:
             plot(rows, plot_file)
         if not write_json(document(rows, differences), json_file):
@@ -166,14 +171,16 @@ def _named(conditions: Sequence[Condition], names: Sequence[str]) -> list[Condit
     for name in names:
         if name not in known:
             raise ConfigError(f"--condition {name!r}: no such condition; there are: {'; '.join(known)}")
-    return [condition for condition in conditions if not names or condition.name in names]
+    if not names:
+        return list(conditions)
+    return [condition for condition in conditions if condition.name in names]
 
 
 def print_selection(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference]) -> None:
     """Print `rows`, sorted by bench and condition, people after the methods, and `differences`."""
     screen = evaluation_console()
-    for bench, of_bench in groupby(rows, key=lambda row: row.bench):
-        screen.print(_table(screen, bench, list(of_bench)))
+    for bench, group in groupby(rows, key=lambda row: row.bench):
+        screen.print(_table(screen, bench, list(group)))
     screen.print(Text(NOTES))
     if differences:
         screen.print(_differences(differences))
@@ -181,13 +188,23 @@ def print_selection(rows: Sequence[SelectionTrialRow], differences: Sequence[Dif
 
 
 def _table(console: Console, bench: str, rows: Sequence[SelectionTrialRow]) -> Table:
-    lines: list[tuple[str, str, SelectionMetrics]] = []
+    conditions: list[str] = []
+    methods: list[str] = []
+    figures: list[SelectionMetrics] = []
     for condition, group in groupby(rows, key=lambda row: row.condition):
-        of_it = list(group)
-        lines += [(condition, row.method, row.figures) for row in of_it]
-        lines += [(condition, PEOPLE.get(name, name), human) for name, human in of_it[0].human.items()]
-    words = {"condition": [line[0] for line in lines], "method": [line[1] for line in lines]}
-    return fitted_table(console, bench, words, COLUMNS, [line[2] for line in lines]).table
+        condition_rows = list(group)
+        for row in condition_rows:
+            conditions.append(condition)
+            methods.append(row.method)
+            figures.append(row.figures)
+
+        # All rows of a condition have the same figures of people.
+        for name, human in condition_rows[0].human.items():
+            conditions.append(condition)
+            methods.append(PEOPLE.get(name, name))
+            figures.append(human)
+    words = {"condition": conditions, "method": methods}
+    return fitted_table(console, bench, words, COLUMNS, figures).table
 
 
 def _differences(differences: Sequence[Difference]) -> Table:
@@ -196,17 +213,20 @@ def _differences(differences: Sequence[Difference]) -> Table:
     )
     for name in ("condition", "methods", "errors", "time", "so"):
         table.add_column(name)
-    for each in differences:
+    for difference in differences:
+        time = "-" if difference.time_s is None else _interval(difference.time_s, 1.0, "s")
+        claims = "; ".join(difference.claims)
         table.add_row(
-            Text(each.condition),
-            Text(f"{each.method} - {each.other}"),
-            Text(_interval(each.errors, 100.0, "%")),
-            Text("-" if each.time_s is None else _interval(each.time_s, 1.0, "s")),
-            Text("; ".join(each.claims) or "-"),
+            Text(difference.condition),
+            Text(f"{difference.method} - {difference.other}"),
+            Text(_interval(difference.errors, 100.0, "%")),
+            Text(time),
+            Text(claims or "-"),
         )
     return table
 
 
 def _interval(interval: Interval, scale: float, unit: str) -> str:
-    value, low, high = (scale * each for each in (interval.value, interval.low, interval.high))
-    return f"{value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"
+    low = scale * interval.low
+    high = scale * interval.high
+    return f"{scale * interval.value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from rich import box
 from rich.console import Console
@@ -80,18 +80,26 @@ def fitted_table(
         columns: figures.
         rows: rows.
     """
-    cells = {column.name: [column.cell(row) for row in rows] for column in columns}
-    filled = [column for column in columns if any(text is not None for text in cells[column.name])]
+    cells: dict[str, list[str | None]] = {}
+    filled: list[Column[AnyRow]] = []
+    for column in columns:
+        texts = [column.cell(row) for row in rows]
+        cells[column.name] = texts
+        if any(text is not None for text in texts):
+            filled.append(column)
+
+    # The width of a table is known only when it is made, so it is made with one column less until it fits.
     needed = 0
+    by_rank = sorted(filled, key=lambda column: column.rank)
+    unbounded = console.options.update(max_width=10 * PIPE_WIDTH)
     for count in range(len(filled), -1, -1):
-        ranks = sorted(filled, key=lambda column: column.rank)[:count]
-        shown = [column for column in filled if column in ranks]
-        table = _table(title, words, [(column.head, cells[column.name]) for column in shown])
-        unbounded = console.options.update(max_width=10 * PIPE_WIDTH)
+        shown = [column for column in filled if column in by_rank[:count]]
+        left_out = [column for column in filled if column not in shown]
+        figures = [(column.head, cells[column.name]) for column in shown]
+        table = _table(title, words, figures)
         width = console.measure(table, options=unbounded).minimum
         needed = max(needed, width)
         if width <= console.width or not count:
-            left_out = [column for column in filled if column not in shown]
             return FittedTable(table=table, columns=shown, left_out=left_out, needed=needed)
     raise AssertionError
 
@@ -101,22 +109,30 @@ def _table(
 ) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
     table.padding = (0, 1, 0, 0)
+    # Words may wrap, figures never.
     for head, texts in words.items():
-        table.add_column(head, min_width=min(WORDS_WIDTH, max(map(len, (head, *texts)))))
-    for head, texts in figures:
-        width = max(map(len, (head, *(text or "-" for text in texts))))
+        width = max(map(len, (head, *texts)))
+        table.add_column(head, min_width=min(WORDS_WIDTH, width))
+    for head, figure_texts in figures:
+        shown_texts = [text or "-" for text in figure_texts]
+        width = max(map(len, (head, *shown_texts)))
         table.add_column(head, justify="right", no_wrap=True, min_width=width)
+
+    # A block ends where the first text changes.
     lines = list(zip(*words.values(), strict=True))
     blocks = [line[0] for line in lines]
     has_blocks = len(set(blocks)) < len(blocks)
-    for index, (line, block) in enumerate(zip(lines, [*blocks[1:], None], strict=True)):
-        of_row = (texts[index] for _, texts in figures)
-        table.add_row(
-            *map(Text, line),
-            *(Text("-", style="dim") if text is None else Text(text) for text in of_row),
-            end_section=has_blocks and block != line[0],
-        )
+    for index, (line, next_block) in enumerate(zip(lines, [*blocks[1:], None], strict=True)):
+        cells = [Text(text) for text in line]
+        for _, figure_texts in figures:
+            cells.append(_figure(figure_texts[index]))
+        is_end = has_blocks and next_block != line[0]
+        table.add_row(*cells, end_section=is_end)
     return table
+
+
+def _figure(text: str | None) -> Text:
+    return Text("-", style="dim") if text is None else Text(text)
 
 
 def number(value: float | None, digits: int) -> str | None:
@@ -136,17 +152,16 @@ def _spread(
     for part, rank in zip(("median", "p90", "rms"), ranks, strict=False):
         is_first = part == "median"
 
-        def cell(row: Row, part: str = part) -> str | None:
+        def cell(row: Row, part: str = part) -> str | None:  # as a default: `part` is that of this turn
             spread = of(row)
             return None if spread is None else number(getattr(spread, part), digits)
 
-        yield Column(
-            name=name if is_first else f"{part} of {name.removesuffix(' °')}",
-            cell=cell,
-            rank=rank,
-            title="" if is_first else part,
-            note=note if is_first else "",
-        )
+        # The median bears the name and the note of all of them.
+        if is_first:
+            yield Column(name=name, cell=cell, rank=rank, note=note)
+        else:
+            quantity = name.removesuffix(" °")
+            yield Column(name=f"{part} of {quantity}", cell=cell, rank=rank, title=part)
 
 
 _COLUMNS = (
@@ -239,16 +254,19 @@ def print_rows(console: Console, rows: Sequence[Row], remarks: Sequence[str] = (
     left_out: list[str] = []
     needed = 0
     for name, group in groupby(rows, key=lambda row: row.set):
-        of_set = list(group)
-        words = {"condition": [row.condition for row in of_set]}
-        if any(row.subject != ALL for row in of_set):
-            words["subject"] = [row.subject for row in of_set]
-        words["solver"] = [row.solver for row in of_set]
-        fitted = fitted_table(console, name, words, _COLUMNS, of_set)
+        set_rows = list(group)
+        words = {"condition": [row.condition for row in set_rows]}
+        subjects = [row.subject for row in set_rows]
+        if set(subjects) != {ALL}:
+            words["subject"] = subjects
+        words["solver"] = [row.solver for row in set_rows]
+        fitted = fitted_table(console, name, words, _COLUMNS, set_rows)
         console.print(fitted.table)
         notes += [column.note for column in fitted.columns if column.note]
         left_out += [column.name for column in fitted.left_out]
         needed = max(needed, fitted.needed)
+
+    # Tables share columns: each note and each name is printed once, in the order of the columns.
     console.print(Text(" ".join(dict.fromkeys([*notes, *remarks]))))
     if left_out:
         names = ", ".join(dict.fromkeys(left_out))
@@ -262,19 +280,20 @@ def print_over_people(console: Console, name: str, over: Sequence[OverPeople], r
         "geometric mean of each person's median error, with its 95 % interval; its range if any one person "
         f"is left out; ratio: to {reference}"
     )
-    cells = tuple(
-        {
-            "condition": each.condition,
-            "solver": each.solver,
-            "people": each.people,
-            "error": _interval(each.error, each.unit),
-            "without one": _range(each.error_without_one),
-            "ratio": "" if each.ratio is None else _interval(each.ratio),
-            "without one person": _range(each.without_one),
-        }
-        for each in over
-    )
-    print_table(console, OutputSection(name=name, about=about, rows=cells))
+    rows = tuple(_over_people_row(figures) for figures in over)
+    print_table(console, OutputSection(name=name, about=about, rows=rows))
+
+
+def _over_people_row(figures: OverPeople) -> dict[str, Any]:
+    return {
+        "condition": figures.condition,
+        "solver": figures.solver,
+        "people": figures.people,
+        "error": _interval(figures.error, figures.unit),
+        "without one": _range(figures.error_without_one),
+        "ratio": "" if figures.ratio is None else _interval(figures.ratio),
+        "without one person": _range(figures.without_one),
+    }
 
 
 def _range(ends: tuple[float, float] | None) -> str:
@@ -282,4 +301,5 @@ def _range(ends: tuple[float, float] | None) -> str:
 
 
 def _interval(interval: Interval, unit: str = "") -> str:
-    return f"{interval.value:.2f} {unit} ({interval.low:.2f} to {interval.high:.2f})".replace("  ", " ")
+    ends = f"({interval.low:.2f} to {interval.high:.2f})"
+    return f"{interval.value:.2f} {unit} {ends}" if unit else f"{interval.value:.2f} {ends}"

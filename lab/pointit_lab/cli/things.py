@@ -16,7 +16,7 @@ from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import Column, evaluation_console, fitted_table, number, share
 
 if TYPE_CHECKING:
-    from pointit_lab.evaluation.things.things import MissKind, ReachRow, Share
+    from pointit_lab.evaluation.things.things import MissKind, ReachRow, Share, ThingRow
 
 FIRST_SEED = 2000
 """First seed for claims; constants of the method were chosen with seeds from 1000 to 1149."""
@@ -70,37 +70,43 @@ def things(
     if method not in METHODS.names:
         raise ConfigError(f"--method {method}: there is no such method; there are {', '.join(METHODS.names)}")
     config = SelectorConfig(method=method)
-    pieces = [
-        (row, first, min(BATCH, seed + trials - first))
-        for row in ROWS
-        for first in range(seed, seed + trials, BATCH)
-    ]
-    others: list[tuple[MissKind, int, float]] = [
-        (kind, seed + index, minutes) for kind in MISS_KINDS for index in range(people)
-    ]
+
+    # Batches are what a process computes at once: of trials that reach for a thing, and of people who miss.
+    reach_batches: list[tuple[ThingRow, int, int]] = []
+    for row in ROWS:
+        for first in range(seed, seed + trials, BATCH):
+            reach_batches.append((row, first, min(BATCH, seed + trials - first)))
+    miss_batches: list[tuple[MissKind, int, float]] = []
+    for kind in MISS_KINDS:
+        for index in range(people):
+            miss_batches.append((kind, seed + index, minutes))
+
     with interruptible():
         with progress() as tell_progress:
-            reached = map_in_order(
+            reach_results = map_in_order(
                 partial(reaches, config),
-                pieces,
+                reach_batches,
                 jobs=jobs,
                 tick=lambda done, of: tell_progress(f"reaches, part {done} of {of}"),
             )
-            fired = map_in_order(
+            wrong_counts = map_in_order(
                 partial(wrong_selections, config),
-                others,
+                miss_batches,
                 jobs=jobs,
                 tick=lambda done, of: tell_progress(f"people who point elsewhere, {done} of {of}"),
             )
         results: dict[str, list[Result]] = {row.name: [] for row in ROWS}
-        for (row, _, _), of_piece in zip(pieces, reached, strict=True):
-            results[row.name] += of_piece
+        for (row, _, _), batch_results in zip(reach_batches, reach_results, strict=True):
+            results[row.name] += batch_results
         rows = [row_of(row, results[row.name]) for row in ROWS]
-        counts = {
-            kind: sum(count for (other, _, _), count in zip(others, fired, strict=True) if other == kind)
-            for kind in MISS_KINDS
-        }
-        per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in counts.items() if people}
+
+        # Without people who miss there is no rate.
+        per_half_hour: dict[MissKind, float] = {}
+        if people:
+            counts = dict.fromkeys(MISS_KINDS, 0)
+            for (kind, _, _), count in zip(miss_batches, wrong_counts, strict=True):
+                counts[kind] += count
+            per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in counts.items()}
         document = {"rows": [asdict(row) for row in rows], "unintended_per_30_min": per_half_hour}
         if not write_json(document, json_file):
             _print(rows, per_half_hour)

@@ -47,6 +47,7 @@ ROUNDS = 3
 
 def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
     """Measure wrist to light beside bare Zenoh, in one process and in separate ones."""
+    # Chains that are compared alternate, so that the machine's load is that of both.
     samples: dict[str, list[float]] = {name: [] for name in ("direct", "default", "ours", "bare", "separate")}
     hops = our_chain.HOPS
     for _ in range(ROUNDS):
@@ -194,12 +195,16 @@ def _measure_bridges(
     if "hop" in wanted:
         console.print("hop: a message through rclpy and through bare Zenoh, and a sample through all …")
         rounds = [measure_hop(duration) for _ in range(ROUNDS)]
-        result["hop"] = {way: [row[way] for row in rounds] for way in rounds[0]}
-        for way, times_us in result["hop"].items():
+        result["hop"] = {}
+        for carrier in rounds[0]:
+            times_us = [figures[carrier] for figures in rounds]
+            result["hop"][carrier] = times_us
             low = min(times_us)
             middle = statistics.median(times_us)
             high = max(times_us)
-            console.print(f"{way:<32} {middle:>6.0f} µs of CPU ({low:.0f} to {high:.0f})")
+            console.print(f"{carrier:<32} {middle:>6.0f} µs of CPU ({low:.0f} to {high:.0f})")
+
+    # Each part is printed as soon as it is measured: all of them take minutes.
     if "things" in wanted:
         console.print("things: IMU sample to the call of a function for what it fires …")
         figures = Figures.of(asyncio.run(our_chain.pointed(THINGS * duration)))
@@ -255,22 +260,24 @@ def latency_table(latency_result: dict[str, Any]) -> Table:
 def users_table(title: str, rows: list[dict[str, Any]]) -> Table:
     """Return the figures per number of people as a table, with what a fit makes of them."""
     costs = our_chain.costs(rows, "services_share_of_a_core")
-    table = Table(
-        title=f"People at 100 Hz, {title}",
-        caption="services: {fixed} % of a core and {sample} µs a sample".format(**costs) if costs else None,
-    )
+    caption: str | None = None
+    if costs:
+        caption = "services: {fixed} % of a core and {sample} µs a sample".format(**costs)
+    table = Table(title=f"People at 100 Hz, {title}", caption=caption)
     for column in ("people", "CPU of a core", "services", "driver", "delivered", "p99 age ms"):
         table.add_column(column, justify="right")
     for row in rows:
         age = row["age_of_cursors"]
         driver_us = row["driver_us_per_sample"]
+        driver = f"{driver_us:.0f} µs" if driver_us else "apart"
+        p99_age_ms = f"{age['p99_ms']:.2f}" if age else "-"
         table.add_row(
             str(row["users"]),
             f"{row['services_share_of_a_core']:.1%}",
             f"{row['services_us_per_sample']:.0f} µs a sample",
-            f"{driver_us:.0f} µs" if driver_us else "apart",
+            driver,
             f"{row['delivered']:.1%}",
-            f"{age['p99_ms']:.2f}" if age else "-",
+            p99_age_ms,
         )
     return table
 
@@ -296,16 +303,14 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
     for column in ("what", "messages/s", "CPU of a core", "µs per message", "lost"):
         table.add_column(column, justify="left" if column == "what" else "right")
     rows = [("bare relay of bytes", ros2_result["bare_relay"]), ("nothing", ros2_result["nothing"])]
-    rows += [(way, row) for way in ("out", "in", "both") for row in ros2_result[way]]
+    for direction in ("out", "in", "both"):
+        rows += [(direction, row) for row in ros2_result[direction]]
     for name, row in rows:
         us = row["us_per_message"]
-        table.add_row(
-            name,
-            f"{row['messages_per_second']:.0f}",
-            f"{row['cpu_share_of_a_core']:.1%}",
-            f"{us:.0f}" if us else "-",
-            f"{row['lost']}",
-        )
+        us_text = f"{us:.0f}" if us else "-"
+        rate = f"{row['messages_per_second']:.0f}"
+        share = f"{row['cpu_share_of_a_core']:.1%}"
+        table.add_row(name, rate, share, us_text, f"{row['lost']}")
     return table
 
 

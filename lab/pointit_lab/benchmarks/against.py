@@ -28,24 +28,26 @@ def _latency(layout: str, quantile: str) -> Callable[[dict[str, Any]], float]:
 
 
 def _cpu_us(part: str, column: str, people: int) -> Callable[[dict[str, Any]], float]:
-    return lambda result: next(
-        float(row[column])
-        for row in result[part]
-        if row["users"] == people and row["delivered"] >= DELIVERED  # what is dropped costs less
-    )
+    def cpu_us(result: dict[str, Any]) -> float:
+        rows = [row for row in result[part] if row["users"] == people]
+        return next(float(row[column]) for row in rows if row["delivered"] >= DELIVERED)  # a drop costs less
+
+    return cpu_us
 
 
 def _cost(part: str, share: str, kind: str) -> Callable[[dict[str, Any]], float]:
     return lambda result: costs(result[part], share)[kind].value
 
 
-def _of_cpu(what: str, part: str, version: str) -> dict[str, Callable[[dict[str, Any]], float]]:
+def _of_cpu(title: str, part: str, version: str) -> dict[str, Callable[[dict[str, Any]], float]]:
     """Return the figures of CPU in the columns of `version` of a part."""
-    return {
-        **{f"{what}, {n} people, µs a sample": _cpu_us(part, f"{version}_us_per_sample", n) for n in PEOPLE},
-        f"{what}, fit, µs a sample": _cost(part, f"{version}_share_of_a_core", "sample"),
-        f"{what}, fit, fixed, % of a core": _cost(part, f"{version}_share_of_a_core", "fixed"),
-    }
+    share = f"{version}_share_of_a_core"
+    figures: dict[str, Callable[[dict[str, Any]], float]] = {}
+    for people in PEOPLE:
+        figures[f"{title}, {people} people, µs a sample"] = _cpu_us(part, f"{version}_us_per_sample", people)
+    figures[f"{title}, fit, µs a sample"] = _cost(part, share, "sample")
+    figures[f"{title}, fit, fixed, % of a core"] = _cost(part, share, "fixed")
+    return figures
 
 
 FIGURES: dict[str, Callable[[dict[str, Any]], float]] = {
@@ -88,12 +90,15 @@ def compare(commit: str, duration_s: float, rounds: int) -> dict[str, Any]:
         for _ in range(rounds):
             here.append(_measured(ROOT, duration_s))
             there.append(_measured(other, duration_s))
+
+    # The other tree may lack a figure, or have too few rows for one: then it is not compared.
     figures: dict[str, Any] = {}
     for name, read in FIGURES.items():
         with contextlib.suppress(KeyError, StopIteration):
-            ours, other_results = [read(result) for result in here], [read(result) for result in there]
-            ratios = [round(a / b, 3) for a, b in zip(ours, other_results, strict=True)]
-            figures[name] = {"here": ours, "there": other_results, "ratio": ratios}
+            values = [read(result) for result in here]
+            other_values = [read(result) for result in there]
+            ratios = [round(ours / other, 3) for ours, other in zip(values, other_values, strict=True)]
+            figures[name] = {"here": values, "there": other_values, "ratio": ratios}
     return {"commit": commit, "rounds": rounds, "figures": figures}
 
 
@@ -128,12 +133,9 @@ def _measured(tree: Path, duration_s: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "result.json"
         command = [sys.executable, "-m", "pointit_lab.benchmarks", "--only", "latency", "--only", "users"]
-        subprocess.run(
-            [*command, "--duration", str(duration_s), "--json", str(path)],
-            cwd=tree,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), str(tree / "lab")])},
-            stdout=subprocess.DEVNULL,
-            check=True,
-        )
+        command += ["--duration", str(duration_s), "--json", str(path)]
+        import_path = os.pathsep.join([str(tree), str(tree / "lab")])
+        environment = os.environ | {"PYTHONPATH": import_path}
+        subprocess.run(command, cwd=tree, env=environment, stdout=subprocess.DEVNULL, check=True)
         result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         return result

@@ -51,10 +51,13 @@ def free_endpoint() -> str:
 def opened(*, listen: str = "", connect: str = "", mode: str = "") -> zenoh.Session:
     """Open a session with the settings of our own ones, without a namespace."""
     config = zenoh.Config()
+    default_mode = "client" if connect else "peer"
+    listen_endpoints = [listen] if listen else []
+    connect_endpoints = [connect] if connect else []
     settings: dict[str, Any] = {
-        "mode": mode or ("client" if connect else "peer"),
-        "listen/endpoints": [listen] if listen else [],
-        "connect/endpoints": [connect] if connect else [],
+        "mode": mode or default_mode,
+        "listen/endpoints": listen_endpoints,
+        "connect/endpoints": connect_endpoints,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
@@ -88,14 +91,13 @@ async def one_process(hops: int, rate_hz: float, duration_s: float, kind: Callba
 async def processes(hops: int, rate_hz: float, duration_s: float, endpoint: str) -> list[float]:
     """Return the times when each hop is a process, all connected to this one, seconds."""
     with opened(listen=endpoint) as session:
-        children = [
-            await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "pointit_lab.benchmarks.bare_zenoh", endpoint, str(hop)),
-                stdin=asyncio.subprocess.PIPE,
-                env=ENVIRONMENT,
+        children: list[asyncio.subprocess.Process] = []
+        for hop in range(hops - 1):
+            command = (sys.executable, "-m", "pointit_lab.benchmarks.bare_zenoh", endpoint, str(hop))
+            child = await asyncio.create_subprocess_exec(
+                *command, stdin=asyncio.subprocess.PIPE, env=ENVIRONMENT
             )
-            for hop in range(hops - 1)
-        ]
+            children.append(child)
         try:
             await asyncio.sleep(2.0)  # they import and connect
             return await _drive(session, hops, rate_hz, duration_s, "direct", forwards=False)
@@ -120,12 +122,15 @@ async def _drive(
         (sent_ns,) = struct.unpack_from("<q", sample.payload.to_bytes())
         times_s.append((time.perf_counter_ns() - sent_ns) / 1e9)
 
+    # Hops in this session forward here. Otherwise each is a process that is connected already.
     if forwards:
         for hop in range(hops - 1):
             forward(session, hop, kind)
     subscribe(session, hops - 1, arrive, kind)
     publisher = session.declare_publisher(KEY.format(0))
-    await asyncio.sleep(0.3)
+    await asyncio.sleep(0.3)  # until the session knows who subscribes
+
+    # Samples are due at fixed times: a late one does not delay the ones after it.
     loop = asyncio.get_running_loop()
     due_s = loop.time()
     end_s = due_s + duration_s
@@ -171,10 +176,11 @@ async def relay_cost(
     await asyncio.sleep(TAIL_S)
     cpu_s = after.user + after.system - before.user - before.system
     messages = turn * per_turn
+    us_per_message = round(cpu_s / messages * 1e6, 1) if messages else None
     return messages, {
         "cpu_share_of_a_core": round(cpu_s / took_s, 4),
         "messages_per_second": round(messages / took_s, 1),
-        "us_per_message": round(cpu_s / messages * 1e6, 1) if messages else None,
+        "us_per_message": us_per_message,
     }
 
 
@@ -197,6 +203,7 @@ async def relaying() -> AsyncGenerator[RelayEnds]:
     )
     samples: list[zenoh.Sample] = []
     try:
+        # It is ready when a sample has come through, there and back.
         for near, far, key in ((source, session, THERE), (session, source, BACK)):
             reader = far.declare_subscriber(key, Callback(samples.append, indirect=False))
             async with asyncio.timeout(READY_S):

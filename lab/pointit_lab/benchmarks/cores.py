@@ -65,15 +65,10 @@ def run() -> list[dict[str, Any]]:
         for _ in range(ROUNDS):
             for person in people:
                 person.point(SAMPLES)
-        rows += [
-            {
-                "core": f"{part}, {columns * shelves} things",
-                "map": name,
-                "us": round(1e6 * float(np.median(times_s)), 1),
-            }
-            for (columns, shelves), one in zip(COUNTS, people, strict=True)
-            for part, times_s in one.times_s.items()
-        ]
+        for (columns, shelves), person in zip(COUNTS, people, strict=True):
+            for part, times_s in person.times_s.items():
+                median_us = round(1e6 * float(np.median(times_s)), 1)
+                rows.append({"core": f"{part}, {columns * shelves} things", "map": name, "us": median_us})
     return rows
 
 
@@ -86,17 +81,13 @@ class PersonBeforeThings:
         self._wide_rad = math.atan(2.0 * apart_m / away_m)
         y_m = -(columns - 1) / 2.0 * apart_m
         z_m = 1.4 - (rows - 1) / 2.0 * apart_m
-        things = tuple(
-            Thing(
-                id=f"t{column}_{row}",
-                center_m=(away_m, y_m + column * apart_m, z_m + row * apart_m),
-                size_m=(size_m, size_m, size_m),
-                lamp="lamp",
-            )
-            for column in range(columns)
-            for row in range(rows)
-        )
-        self._room = Environment(stamp_ns=0, name="shelf", things=things)
+        things: list[Thing] = []
+        for column in range(columns):
+            for row in range(rows):
+                center_m = (away_m, y_m + column * apart_m, z_m + row * apart_m)
+                size = (size_m, size_m, size_m)
+                things.append(Thing(id=f"t{column}_{row}", center_m=center_m, size_m=size, lamp="lamp"))
+        self._room = Environment(stamp_ns=0, name="shelf", things=tuple(things))
         self._cursors = PersonCursor(Surfaces(self._room))
         self._cursors.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
         self._selector = SelectionEngine(SelectorConfig(method="estimate"), lambda _record: None)
@@ -135,12 +126,12 @@ class PersonBeforeThings:
 
 def large_site_rows() -> list[dict[str, Any]]:
     """Return the milliseconds of CPU of a frame that is sent by UDP, and of drawing it."""
-    return [
-        asyncio.run(_row(pixels, outputs, kind, changes))
-        for pixels, outputs in LARGE_SITES
-        for kind in ("ddp", "e131")
-        for changes in ("one strip", "all strips")
-    ]
+    rows: list[dict[str, Any]] = []
+    for pixels, outputs in LARGE_SITES:
+        for kind in ("ddp", "e131"):
+            for changes in ("one strip", "all strips"):
+                rows.append(asyncio.run(_row(pixels, outputs, kind, changes)))
+    return rows
 
 
 async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, Any]:
@@ -156,6 +147,8 @@ async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, An
         for output in outputs:
             output.set_map(room)
         tasks = [asyncio.create_task(output.run()) for output in outputs]
+
+        # Both times begin after the first frames, which also set up what the outputs need.
         began_s = drawn_s = 0.0
         for number in range(WARM_FRAMES + FRAMES):
             if number == WARM_FRAMES:
@@ -195,16 +188,16 @@ async def _draw(lights: LightState, outputs: list[GuardedOutput], ids: list[str]
 
 def _outputs(ids: list[str], count: int, kind: str, port: int) -> list[GuardedOutput]:
     """Return outputs of one protocol, each at an address of its own with its share of the strips."""
-    outputs = [
-        {
+    outputs: list[dict[str, Any]] = []
+    for number in range(count):
+        output = {
             "kind": kind,
             "host": f"127.0.0.{1 + number}",
             "port": port,
             "max_rate_hz": 1000.0,
             "segments": [{"strip": name} for name in ids[number::count]],
         }
-        for number in range(count)
-    ]
+        outputs.append(output)
     config = LedDriverConfig.model_validate({"outputs": outputs})
     surroundings = Surroundings.detached()
 
@@ -215,10 +208,10 @@ def _outputs(ids: list[str], count: int, kind: str, port: int) -> list[GuardedOu
 
 
 def _room(ids: list[str]) -> Environment:
-    strips = [
-        Strip(id=name, line_m=((0, number, 0), (STRIP_M, number, 0)), pixels=STRIP_PIXELS)
-        for number, name in enumerate(ids)
-    ]
+    strips: list[Strip] = []
+    for number, name in enumerate(ids):
+        line_m = ((0, number, 0), (STRIP_M, number, 0))
+        strips.append(Strip(id=name, line_m=line_m, pixels=STRIP_PIXELS))
     return Environment(stamp_ns=1, name="large", strips=tuple(strips))
 
 

@@ -57,23 +57,32 @@ def measure() -> dict[str, Any]:
         subprocess.CalledProcessError: A run failed.
     """
     samples = round(PEOPLE * RATE_HZ * DURATION_S)
+
+    # A hop costs what a run with it needs more than one without it and those after it.
     left_out = [HOPS[count:] for count in range(len(HOPS) + 1)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         totals = [total / samples for total in pool.map(_count_instructions, left_out)]
+    by_hop: dict[str, int] = {}
+    for place, hop in enumerate(HOPS):
+        by_hop[hop] = round(totals[place + 1] - totals[place])
+
+    # Each of the others has a run of its own: counting would change the time, and tracing both.
     times_s: list[float] = []
     run_virtually(drive(lambda: times_s.append(time.thread_time())))
+    cpu_s = times_s[1] - times_s[0]
     messages = run_virtually(drive(lambda: None, read=COUNTED))
     counter = BytecodeCounter()
     run_virtually(drive(counter.toggle))
+    counts = counter.executed.values()
     return {
         "people": PEOPLE,
         "samples": samples,
         "per_sample": round(totals[-1]),
         "wrists_and_rest": round(totals[0]),
-        "by_hop": {hop: round(totals[place + 1] - totals[place]) for place, hop in enumerate(HOPS)},
-        "cpu_us": round((times_s[1] - times_s[0]) / samples * 1e6, 1),
+        "by_hop": by_hop,
+        "cpu_us": round(cpu_s / samples * 1e6, 1),
         "bytecodes": round(counter.executed.total() / samples),
-        "different": sum(count >= USUAL * samples for count in counter.executed.values()),
+        "different": sum(count >= USUAL * samples for count in counts),
         "messages": {key: round(count / samples, 2) for key, count in messages.items()},
     }
 
@@ -81,16 +90,17 @@ def measure() -> dict[str, Any]:
 def _count_instructions(left_out: Collection[str]) -> int:
     """Return the instructions of all samples, by Valgrind, without the services in `left_out`."""
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "counts"
-        tool = ["valgrind", "--tool=callgrind", f"--dump-before={MARK}", f"--callgrind-out-file={out}"]
+        counts = Path(folder) / "counts"
+        tool = ["valgrind", "--tool=callgrind", f"--dump-before={MARK}", f"--callgrind-out-file={counts}"]
         subprocess.run(
             [*tool, sys.executable, "-m", __name__, *left_out],
             env=os.environ | {"PYTHONHASHSEED": "0", "POINTIT_STATE": folder},
             stderr=subprocess.DEVNULL,  # what Valgrind says of itself
             check=True,
         )
-        counted = Path(f"{out}.2").read_text(encoding="utf-8")  # .1: before the first call of MARK
-    return next(int(line.split()[1]) for line in counted.splitlines() if line.startswith("totals:"))
+        lines = Path(f"{counts}.2").read_text(encoding="utf-8").splitlines()  # .1: before the first MARK
+    total = next(line for line in lines if line.startswith("totals:"))
+    return int(total.split()[1])
 
 
 class BytecodeCounter:
@@ -125,9 +135,8 @@ async def drive(
     Return the messages of the topics in `read` meanwhile, by key. Services in `left_out` do not run.
     """
     site, people = load_launches(PEOPLE, choices=Choices(seed=1))
-    launches = [
-        launch for launch in itertools.chain(site, *people.values()) if launch.service.NAME not in left_out
-    ]
+    all_launches = itertools.chain(site, *people.values())
+    launches = [launch for launch in all_launches if launch.service.NAME not in left_out]
     bus = MemoryBus(LocalBroker())
     clock = VirtualClock()
     services = asyncio.create_task(run_services(launches, bus, clock))
@@ -142,6 +151,8 @@ async def drive(
     wrists = [LoadTestWrist(bus.publisher(IMU, user), index, clock) for index, user in enumerate(people)]
     await asyncio.sleep(SETTLE_S)
     await drive_wrists(wrists, RATE_HZ, WARM_UP_S)
+
+    # The warm-up has filled the caches, so only what repeats with each sample is between the marks.
     messages.clear()
     mark()
     await drive_wrists(wrists, RATE_HZ, DURATION_S)

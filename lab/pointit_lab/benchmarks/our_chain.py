@@ -156,7 +156,8 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
         ages_s.append((time.time_ns() - cursor.stamp_ns) / 1e9)
 
     async with contextlib.AsyncExitStack() as stack:
-        bus = await ZenohBus.open(Link(listen=(endpoint,) if endpoint else ()))
+        listen = (endpoint,) if endpoint else ()
+        bus = await ZenohBus.open(Link(listen=listen))
         stack.push_async_callback(bus.close)
         if endpoint:
             worker = await Worker.start(Group(name="wrists", wrists=[*people]), bus.site, endpoint)
@@ -164,27 +165,36 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
             drive = _in_worker(worker)
             driver = None
         else:
-            drive = _here(
-                [LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)]
-            )
+            wrists: list[LoadTestWrist] = []
+            for index, user in enumerate(people):
+                wrists.append(LoadTestWrist(bus.publisher(IMU, user), index))
+            drive = _here(wrists)
             await drive(WARM_UP_S)
             driver = await _used(drive, duration_s)
-        await stack.enter_async_context(running([*site, *itertools.chain(*people.values())], bus))
+
+        # The services start only now, so that the CPU time before is that of the wrists alone.
+        launches = [*site, *itertools.chain(*people.values())]
+        await stack.enter_async_context(running(launches, bus))
         bus.subscribe(CURSOR, on_cursor)
         await asyncio.sleep(SETTLE_S)
         await drive(WARM_UP_S)
         ages_s.clear()
         used = await _used(drive, duration_s)
-    services_us = used.us_per_sample - (driver.us_per_sample if driver else 0.0)
+
+    driver_us = driver.us_per_sample if driver else 0.0
+    services_us = used.us_per_sample - driver_us
+    services_share = used.share * services_us / used.us_per_sample
+    people_sent = used.sent / (RATE_HZ * duration_s)
+    delivered = len(ages_s) / (users * RATE_HZ * duration_s)
     return {
         "users": users,
-        "people_sent": round(used.sent / (RATE_HZ * duration_s), 3),
+        "people_sent": round(people_sent, 3),
         "cpu_share_of_a_core": round(used.share, 4),
         "cpu_us_per_sample": round(used.us_per_sample, 1),
-        "driver_us_per_sample": round(driver.us_per_sample, 1) if driver else None,
-        "services_share_of_a_core": round(used.share * services_us / used.us_per_sample, 4),
+        "driver_us_per_sample": round(driver_us, 1) if driver else None,
+        "services_share_of_a_core": round(services_share, 4),
         "services_us_per_sample": round(services_us, 1),
-        "delivered": round(len(ages_s) / (users * RATE_HZ * duration_s), 4),
+        "delivered": round(delivered, 4),
         "age_of_cursors": Figures.of(ages_s).as_dict() if ages_s else None,
     }
 
@@ -239,9 +249,11 @@ def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, LoadSlope]
     """
     rows = [row for row in rows if row["delivered"] >= DELIVERED]
     people = [row.get("people_sent", row["users"]) for row in rows]
-    found = fit({"fixed": [1.0] * len(rows), "sample": people}, [row[share] for row in rows])
+    slopes = fit({"fixed": [1.0] * len(rows), "sample": people}, [row[share] for row in rows])
     scales = {"fixed": 100.0, "sample": 1e6 / RATE_HZ}
-    return {
-        name: LoadSlope(value=each.value * scales[name], error=each.error and each.error * scales[name])
-        for name, each in found.items()
-    }
+    costs: dict[str, LoadSlope] = {}
+    for name, slope in slopes.items():
+        scale = scales[name]
+        error = None if slope.error is None else slope.error * scale
+        costs[name] = LoadSlope(value=slope.value * scale, error=error)
+    return costs

@@ -39,6 +39,7 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
     import psutil  # noqa: PLC0415 - the environment with rclpy lacks it
 
     with tempfile.TemporaryDirectory() as folder:
+        # A domain of its own: other ROS nodes of this machine must neither hear it nor be heard.
         command = [f"{PYTHON}", __file__]
         graph = {"ROS_DOMAIN_ID": f"{10 + os.getpid() % 90}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         environment = os.environ | graph | {"HOME": folder, "ROS_HOME": folder}
@@ -51,6 +52,7 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
                 text=True,
             ) as drive,
         ):
+            # The driver says when it begins, and when it is done: the CPU time is that between both lines.
             output = drive.stdout
             process = psutil.Process(relay.pid)
             try:

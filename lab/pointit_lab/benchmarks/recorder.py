@@ -30,7 +30,9 @@ async def measure(duration_s: float) -> dict[str, Any]:
             rounds = [await _round(commands, f"{folder}/{number}", duration_s) for number in range(ROUNDS)]
         finally:
             commands.kill_all()
-    mean = {name: round(statistics.fmean(each[name] for each in rounds), 4) for name in rounds[0]}
+    mean: dict[str, float] = {}
+    for name in rounds[0]:
+        mean[name] = round(statistics.fmean(figures[name] for figures in rounds), 4)
     return {
         "scenario": SCENARIO,
         "people": PEOPLE,
@@ -43,6 +45,7 @@ async def measure(duration_s: float) -> dict[str, Any]:
 
 
 async def _round(commands: Commands, prefix: str, duration_s: float) -> dict[str, float]:
+    # The same run alone, then recorded by a process.
     endpoint, run = _run(commands)
     await asyncio.sleep(WARM_S)
     (alone,) = await _shares(duration_s, run)
@@ -51,14 +54,16 @@ async def _round(commands: Commands, prefix: str, duration_s: float) -> dict[str
     recorded, by_process = await _shares(duration_s, run, recorder)
     await recorder.stop()
     await run.stop()
+
+    # A run that records itself has to be another one: recording begins with the run.
     path = Path(f"{prefix}_in_process.mcap")
     _, run = _run(commands, "--record", str(path))
     await asyncio.sleep(WARM_S)
     (recording,) = await _shares(duration_s, run)
     await run.stop()
-    with Recording.open(path) as found:
-        length_s = (found.ended_ns - found.began_ns) / NS_PER_S
-        messages = sum(found.counts.values())
+    with Recording.open(path) as recording_file:
+        length_s = (recording_file.ended_ns - recording_file.began_ns) / NS_PER_S
+        messages = sum(recording_file.counts.values())
         size = path.stat().st_size  # noqa: ASYNC240 - nothing else runs here
     return {
         "run": alone,
@@ -80,10 +85,12 @@ def _run(commands: Commands, *more: str) -> tuple[str, Command]:
 async def _shares(duration_s: float, *commands: Command) -> list[float]:
     """Return the share of a core that each command takes during `duration_s`."""
     processes = [psutil.Process(command.process.pid) for command in commands]
-    before_s = [sum(each.cpu_times()[:2]) for each in processes]
+    before_s = [sum(process.cpu_times()[:2]) for process in processes]  # user and system
     began_s = time.monotonic()
     await asyncio.sleep(duration_s)
     wall_s = time.monotonic() - began_s
-    return [
-        (sum(each.cpu_times()[:2]) - cpu_s) / wall_s for each, cpu_s in zip(processes, before_s, strict=True)
-    ]
+    shares: list[float] = []
+    for process, cpu_before_s in zip(processes, before_s, strict=True):
+        cpu_s = sum(process.cpu_times()[:2])
+        shares.append((cpu_s - cpu_before_s) / wall_s)
+    return shares

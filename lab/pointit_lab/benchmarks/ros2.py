@@ -68,9 +68,9 @@ class Ends:
         self._ros_end = {
             user: backend.advertise(f"/{user}/metawear_ros/rotation", kind, Qos()) for user in self.users
         }
+        ray_kind = self.types.kind(RAY_TYPE)
         for user in self.users:
-            qos = Qos(depth=100)
-            backend.subscribe(f"/{user}/pointing_ray", self.types.kind(RAY_TYPE), qos, self._on_message)
+            backend.subscribe(f"/{user}/pointing_ray", ray_kind, Qos(depth=100), self._on_message)
         self.reader = bus.subscribe(WRIST, self._on_sample)
 
     def _on_message(self, cdr: bytes) -> None:
@@ -114,46 +114,48 @@ async def measure(duration_s: float) -> dict[str, Any]:
     bare = await bare_zenoh.measure_relay(USERS * HZ, duration_s)
     async with bridged() as ends:
         await ends.ready()
-        return {
+        result: dict[str, Any] = {
             "users": USERS,
             "messages_per_second": USERS * HZ,
             "before": machine(),
             "bare_relay": bare,
-            "nothing": await _cost(ends, duration_s, []),
-            "out": [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)],
-            "in": [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)],
-            "both": [await _cost(ends, duration_s, [ends.put_ray, ends.put_rotation]) for _ in range(ROUNDS)],
-            "memory_mb": round(ends.process.memory_info().rss / 1e6, 1),
-            "after": machine(),
         }
+        result["nothing"] = await _cost(ends, duration_s, [])
+        result["out"] = [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)]
+        result["in"] = [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)]
+        both: list[Callable[[str, int], None]] = [ends.put_ray, ends.put_rotation]
+        result["both"] = [await _cost(ends, duration_s, both) for _ in range(ROUNDS)]
+        result["memory_mb"] = round(ends.process.memory_info().rss / 1e6, 1)
+        result["after"] = machine()
+        return result
 
 
 @asynccontextmanager
 async def bridged() -> AsyncGenerator[Ends]:
     """Yield both ends of a bridge that has started."""
-    ours, ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
-    bus = await ZenohBus.open(Link(listen=(ours,)))
-    config = BackendConfig(mode="router", endpoint=ros, node="/robot", domain_id=7)
+    bus_endpoint = f"tcp/127.0.0.1:{free_port()}"
+    ros_endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus = await ZenohBus.open(Link(listen=(bus_endpoint,)))
+    config = BackendConfig(mode="router", endpoint=ros_endpoint, node="/robot", domain_id=7)
     backend = await opened(config, StderrWarnings())
     with tempfile.TemporaryDirectory() as folder:
         routes = Path(folder) / "routes.yaml"
         routes.write_text(ROUTES)
-        found = asyncio.Event()
+        has_bridge = asyncio.Event()
 
-        def look(graph: Graph) -> None:
-            if any(each.name == "/packages" and each.node == "/pointit" for each in graph.endpoints):
-                found.set()
+        def on_graph(graph: Graph) -> None:
+            if ("/packages", "/pointit") in {(endpoint.name, endpoint.node) for endpoint in graph.endpoints}:
+                has_bridge.set()
 
-        backend.watch(look)
-        settings = {"mode": "peer", "endpoint": ros, "domain-id": "7"}
-        child = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "pointit.services", "ros2", "--connect", ours, "--routes", f"{routes}"),
-            *(part for name, value in settings.items() for part in (f"--backend.{name}", value)),
-            stderr=subprocess.DEVNULL,
-        )
+        # The graph is watched before the bridge starts: no change of it is missed.
+        backend.watch(on_graph)
+        command = [sys.executable, "-m", "pointit.services", "ros2"]
+        command += ["--connect", bus_endpoint, "--routes", f"{routes}"]
+        command += ["--backend.mode", "peer", "--backend.endpoint", ros_endpoint, "--backend.domain-id", "7"]
+        child = await asyncio.create_subprocess_exec(*command, stderr=subprocess.DEVNULL)
         try:
             async with asyncio.timeout(TIMEOUT_S):
-                await found.wait()
+                await has_bridge.wait()
             yield Ends(bus, backend, psutil.Process(child.pid))
         finally:
             child.terminate()

@@ -29,23 +29,23 @@ def start(scenario: str = "scenario_3") -> dict[str, Any]:
     in which the main thread waited for a core that another program had (on Linux; elsewhere they are equal).
     """
     runs = [_run(scenario) for _ in range(RUNS + 1)][1:]
-    figures = {name: round(statistics.median(run[name] for run in runs), 3) for name in runs[0]}
-    return {"scenario": scenario, **figures}
+    result: dict[str, Any] = {"scenario": scenario}
+    for name in runs[0]:
+        result[name] = round(statistics.median(run[name] for run in runs), 3)
+    return result
 
 
 def _run(scenario: str) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
-        summary = Path(folder) / "summary.json"
+        summary_file = Path(folder) / "summary.json"
+        command = [sys.executable, "-m", "pointit", "run", scenario]
+        command += ["--duration", str(RUN_S), "--no-view", "--summary", str(summary_file)]
         began_s = time.time()
         child = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "pointit", "run", scenario),
-                *("--duration", str(RUN_S), "--no-view", "--summary", str(summary)),
-            ],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=ENVIRONMENT,
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=ENVIRONMENT
         )
+
+        # Which look is that at the first light is known only from the summary, so all are stored.
         peak_bytes = 0
         seen_at: dict[float, tuple[float, float]] = {}
         """CPU time of the process and queueing time of its main thread, s, by Unix time, s."""
@@ -60,14 +60,15 @@ def _run(scenario: str) -> dict[str, float]:
         code = child.wait()
         if code:
             raise RuntimeError(f"pointit run ended with {code}")
-        seen = json.loads(summary.read_text(encoding="utf-8"))
-    light_s = seen["first_frame_unix_s"]
+        summary = json.loads(summary_file.read_text(encoding="utf-8"))
+
+    light_s = summary["first_frame_unix_s"]
     cpu_s, queued_s = seen_at[min(seen_at, key=lambda at_s: abs(at_s - light_s))]
     return {
         "command_to_first_light_s": light_s - began_s,
         "first_light_without_queue_s": light_s - began_s - queued_s,
         "first_light_cpu_s": cpu_s,
-        "command_to_first_cursor_s": seen["first_cursor_unix_s"] - began_s,
+        "command_to_first_cursor_s": summary["first_cursor_unix_s"] - began_s,
         "memory_peak_mb": peak_bytes / 1e6,
     }
 

@@ -12,6 +12,9 @@ TICK_S = 0.05
 
 SPEED_MPS = 1.0
 
+MAX_START_M = 0.5
+"""Maximum distance from the AGV to the first node of an order."""
+
 TOPICS = "uagv/v2/acme/7"
 
 HEADER = {"timestamp": "2026-01-01T00:00:00.00Z", "manufacturer": "acme", "serialNumber": "7"}
@@ -76,27 +79,27 @@ class VirtualAgv:
         """Handle a message of its master."""
         published = json.loads(payload)
         if topic.endswith("/instantActions"):
-            for action in published["instantActions" if self._version[0] == "1" else "actions"]:
+            field = "instantActions" if self._version[0] == "1" else "actions"
+            for action in published[field]:
                 self._act(action)
         elif topic.endswith("/order"):
-            self._take(published)
+            self._process_order(published)
         self.has_changed = True
 
     def drive(self, distance_m: float) -> None:
         """Drive along the nodes, `distance_m` at most."""
         while self.base and distance_m > 0.0:
             node = self.base[0]
-            to = (node["nodePosition"]["x"], node["nodePosition"]["y"])
-            away_m = math.dist(self.place, to)
+            node_place = _place(node)
+            away_m = math.dist(self.place, node_place)
             if away_m > distance_m:
                 part = distance_m / away_m
-                self.place = (
-                    self.place[0] + part * (to[0] - self.place[0]),
-                    self.place[1] + part * (to[1] - self.place[1]),
-                )
+                x_m, y_m = self.place
+                node_x_m, node_y_m = node_place
+                self.place = (x_m + part * (node_x_m - x_m), y_m + part * (node_y_m - y_m))
                 return
             distance_m -= away_m
-            self.place = to
+            self.place = node_place
             self._last_node = (node["nodeId"], node["sequenceId"])
             del self.base[0]
             self.has_changed = True
@@ -106,27 +109,27 @@ class VirtualAgv:
         self.has_changed = False
         order_id, update_id = self._order
         node_id, sequence_id = self._last_node
-        return self._message(
-            {
-                "orderId": order_id,
-                "orderUpdateId": update_id,
-                "lastNodeId": node_id,
-                "lastNodeSequenceId": sequence_id,
-                "nodeStates": [
-                    {"nodeId": node["nodeId"], "sequenceId": node["sequenceId"], "released": True}
-                    for node in self.base
-                ],
-                "edgeStates": [],
-                "agvPosition": self._position(),
-                "driving": bool(self.base),
-                "actionStates": self._actions,
-                "batteryState": {"batteryCharge": 80.0, "charging": False},
-                "operatingMode": "AUTOMATIC",
-                "errors": self._errors,
-                "safetyState": {"eStop": "NONE", "fieldViolation": False},
-                **self.extra,
-            }
-        )
+        node_states: list[dict[str, Any]] = []
+        for node in self.base:
+            node_state = {"nodeId": node["nodeId"], "sequenceId": node["sequenceId"], "released": True}
+            node_states.append(node_state)
+        state: dict[str, Any] = {
+            "orderId": order_id,
+            "orderUpdateId": update_id,
+            "lastNodeId": node_id,
+            "lastNodeSequenceId": sequence_id,
+            "nodeStates": node_states,
+            "edgeStates": [],
+            "agvPosition": self._position(),
+            "driving": bool(self.base),
+            "actionStates": self._actions,
+            "batteryState": {"batteryCharge": 80.0, "charging": False},
+            "operatingMode": "AUTOMATIC",
+            "errors": self._errors,
+            "safetyState": {"eStop": "NONE", "fieldViolation": False},
+        }
+        # Fields of `extra` replace those above, so they come last.
+        return self._message({**state, **self.extra})
 
     def visualization(self) -> bytes:
         """Return its pose."""
@@ -136,15 +139,22 @@ class VirtualAgv:
         """Return a message that says `state`, such as ONLINE."""
         return self._message({"connectionState": state})
 
-    def _take(self, order: dict[str, Any]) -> None:
+    def _process_order(self, order: dict[str, Any]) -> None:
         ids = (order["orderId"], order["orderUpdateId"])
         if ids == self._order:
             return
         first, *others = order["nodes"]
-        start = (first["nodePosition"]["x"], first["nodePosition"]["y"])
-        end = self.base[-1]["nodeId"] if self.base else self._last_node[0]
         is_update = ids[0] == self._order[0]
-        if first["nodeId"] != end if is_update or self.base else math.dist(start, self.place) > 0.5:
+
+        # An order continues at the last node of the base, or of the order before. A new one begins where the
+        # AGV stands.
+        is_continued = is_update or bool(self.base)
+        if is_continued:
+            last_id = self.base[-1]["nodeId"] if self.base else self._last_node[0]
+            is_wrong = first["nodeId"] != last_id
+        else:
+            is_wrong = math.dist(_place(first), self.place) > MAX_START_M
+        if is_wrong:
             references = [
                 {"referenceKey": "orderId", "referenceValue": ids[0]},
                 {"referenceKey": "orderUpdateId", "referenceValue": str(ids[1])},
@@ -152,13 +162,14 @@ class VirtualAgv:
             kind = "orderUpdateError" if is_update else "noRouteError"
             self._errors = [{"errorType": kind, "errorLevel": "WARNING", "errorReferences": references}]
             return
+
         self._errors = []
         self._order = ids
-        if not (is_update or self.base):
+        if not is_continued:
             self._last_node = (first["nodeId"], first["sequenceId"])
         self.base += others
-        points = [self.place, *((n["nodePosition"]["x"], n["nodePosition"]["y"]) for n in self.base)]
-        base_m = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
+        places = [self.place, *(_place(node) for node in self.base)]
+        base_m = sum(math.dist(start, end) for start, end in itertools.pairwise(places))
         self.farthest_base_m = max(self.farthest_base_m, base_m)
 
     def _act(self, action: dict[str, Any]) -> None:
@@ -168,7 +179,8 @@ class VirtualAgv:
                 self._errors = [{"errorType": "noOrderToCancel", "errorReferences": references}]
                 return
             self.base = []
-        self._actions = [*self._actions[-9:], {"actionId": action["actionId"], "actionStatus": "FINISHED"}]
+        finished = {"actionId": action["actionId"], "actionStatus": "FINISHED"}
+        self._actions = [*self._actions[-9:], finished]
 
     def _position(self) -> dict[str, Any]:
         x, y = self.place
@@ -178,12 +190,18 @@ class VirtualAgv:
         """Return its velocity in its own frame, which is the map's: it does not turn."""
         if not self.base:
             return {"vx": 0.0, "vy": 0.0, "omega": 0.0}
-        to = self.base[0]["nodePosition"]
-        x_m = to["x"] - self.place[0]
-        y_m = to["y"] - self.place[1]
-        away_m = math.hypot(x_m, y_m) or 1.0
+        node_x_m, node_y_m = _place(self.base[0])
+        x_m = node_x_m - self.place[0]
+        y_m = node_y_m - self.place[1]
+        away_m = math.hypot(x_m, y_m) or 1.0  # at the node it does not move
         return {"vx": SPEED_MPS * x_m / away_m, "vy": SPEED_MPS * y_m / away_m, "omega": 0.0}
 
     def _message(self, body: dict[str, Any]) -> bytes:
         self._sent += 1
-        return json.dumps({"headerId": self._sent, "version": self._version, **HEADER, **body}).encode()
+        head = {"headerId": self._sent, "version": self._version, **HEADER}
+        return json.dumps({**head, **body}).encode()
+
+
+def _place(node: dict[str, Any]) -> tuple[float, float]:
+    position = node["nodePosition"]
+    return position["x"], position["y"]

@@ -97,7 +97,9 @@ class MemoryScanner(Scanner):
     def hear(self) -> None:
         """Hear the device, if it advertises."""
         device = self.device
-        if self not in device.listeners or not device.is_there or device.link is not None:
+        if self not in device.listeners:
+            return
+        if not device.is_there or device.link is not None:  # a connected device does not advertise
             return
         wrist = device.wrist
         services = [wrist.advertised_service or wrist.service]
@@ -180,7 +182,8 @@ class MemoryClient(Client):
 
     def notify(self, characteristic: str, data: bytes) -> None:
         """Pass on what the device sends."""
-        if self.is_connected and (callback := self._callbacks.get(characteristic)) is not None:
+        callback = self._callbacks.get(characteristic)
+        if callback is not None and self.is_connected:
             callback(bytearray(data))
 
     def lose(self) -> None:

@@ -38,7 +38,9 @@ class MqttBrokerDevice(TcpDevice):
         while rest > 0x7F:
             size.append(rest & 0x7F | 0x80)
             rest >>= 7
-        await self.send(bytes((PUBLISH << 4,)) + size + bytes((rest,)) + body)
+        size.append(rest)
+        head = bytes((PUBLISH << 4,))
+        await self.send(head + size + body)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if not self._writers:  # a program may have several connections
@@ -65,11 +67,13 @@ def published(received: bytes) -> Iterator[Published]:
             start += 1
             if not received[start - 1] & 0x80:
                 break
-        packet = received[: start + size]
-        received = received[start + size :]
-        if packet[0] >> 4 == PUBLISH and len(packet) == start + size:
+        end = start + size
+        packet = received[:end]
+        received = received[end:]
+        if packet[0] >> 4 == PUBLISH and len(packet) == end:
             topic, rest = _text(packet[start:])
-            yield Published(topic, rest[2:] if packet[0] & 0x06 else rest)
+            has_packet_id = packet[0] & 0x06
+            yield Published(topic, rest[2:] if has_packet_id else rest)
 
 
 async def _packet(reader: asyncio.StreamReader) -> bytes:

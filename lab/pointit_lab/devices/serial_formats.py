@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Sequence
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
@@ -16,8 +17,8 @@ def witmotion_packet(kind: int, *values: int) -> bytes:
     Raises:
         OverflowError: If a value does not fit.
     """
-    body = bytes((0x55, kind)) + b"".join(value.to_bytes(2, "little", signed=True) for value in values)
-    return body + bytes((sum(body) & 0xFF,))
+    body = bytes((0x55, kind)) + _int16s(values)
+    return body + bytes((_checksum(body),))
 
 
 def witmotion_quaternion(orientation: Quaternion) -> bytes:
@@ -40,8 +41,17 @@ def bno085_packet(
     """
     values = (yaw, pitch, roll, *acceleration_mg)
     body = bytes((index & 0xFF,))
-    body += b"".join(value.to_bytes(2, "little", signed=True) for value in values) + bytes(3)
-    return b"\xaa\xaa" + body + bytes((sum(body) & 0xFF,))
+    body += _int16s(values)
+    body += bytes(3)
+    return b"\xaa\xaa" + body + bytes((_checksum(body),))
+
+
+def _int16s(values: Sequence[int]) -> bytes:
+    return b"".join(value.to_bytes(2, "little", signed=True) for value in values)
+
+
+def _checksum(body: bytes) -> int:
+    return sum(body) & 0xFF
 
 
 def bno085_orientation(orientation: Quaternion, index: int = 0) -> bytes:
@@ -54,10 +64,13 @@ def bno085_orientation(orientation: Quaternion, index: int = 0) -> bytes:
     if not abs(norm - 1.0) < 0.01:
         raise ValueError(f"the format has angles, and no quaternion of norm {norm}")
     x, y, z, w = orientation
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    yaw, pitch, roll = (round(100 * math.degrees(angle)) for angle in (yaw, pitch, roll))
+    yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    sine = 2 * (w * y - z * x)
+    pitch_rad = math.asin(max(-1.0, min(1.0, sine)))  # rounding may leave the range of a sine
+    roll_rad = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    yaw, pitch, roll = (round(100 * math.degrees(angle)) for angle in (yaw_rad, pitch_rad, roll_rad))
+
+    # At rest an accelerometer measures what holds it up: 1 g upwards.
     ux, uy, uz = rotation.rotate(rotation.inverse(orientation), (0.0, 0.0, 1.0))
     up_mg = (round(1000 * ux), round(1000 * uy), round(1000 * uz))
     return bno085_packet(index, yaw, pitch, roll, up_mg)
@@ -65,13 +78,16 @@ def bno085_orientation(orientation: Quaternion, index: int = 0) -> bytes:
 
 def ximu3_text(letter: str, time_us: int, *values: float) -> bytes:
     """Return a message of an x-IMU3 as text."""
-    return f"{letter},{time_us},{','.join(f'{value:.4f}' for value in values)}\r\n".encode()
+    texts = ",".join(f"{value:.4f}" for value in values)
+    return f"{letter},{time_us},{texts}\r\n".encode()
 
 
 def ximu3_binary(letter: str, time_us: int, *values: float) -> bytes:
     """Return a binary message of an x-IMU3."""
     body = struct.pack(f"<BQ{len(values)}f", 0x80 + ord(letter), time_us, *values)
-    return body.replace(b"\xdb", b"\xdb\xdd").replace(b"\n", b"\xdb\xdc") + b"\n"
+    # SLIP with a line end as the end: the escape byte is replaced first, else it would be escaped twice.
+    escaped = body.replace(b"\xdb", b"\xdb\xdd").replace(b"\n", b"\xdb\xdc")
+    return escaped + b"\n"
 
 
 def ximu3_quaternion(orientation: Quaternion, time_us: int = 0) -> bytes:

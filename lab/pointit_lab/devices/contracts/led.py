@@ -42,13 +42,13 @@ class TestExpander(LedOutputContract):
         drawn: list[bytes] = []
         channels: dict[int, bytes] = {}
         for part in received.split(MAGIC)[1:]:
-            whole = part[:-CRC_BYTES]
-            check = part[-CRC_BYTES:]
-            if zlib.crc32(MAGIC + whole) != int.from_bytes(check, "little"):
+            command = part[:-CRC_BYTES]
+            check = int.from_bytes(part[-CRC_BYTES:], "little")
+            if zlib.crc32(MAGIC + command) != check:
                 continue
-            if whole[1] == SET_CHANNEL_WS2812:
-                channels[whole[0]] = whole[PIXELS_AT:]  # red, green, blue: the board sorts them
-            elif whole[1] == DRAW_ALL:
+            if command[1] == SET_CHANNEL_WS2812:
+                channels[command[0]] = command[PIXELS_AT:]  # red, green, blue: the board sorts them
+            elif command[1] == DRAW_ALL:
                 drawn.append(b"".join(channels[number] for number in sorted(channels)))
         return drawn
 
@@ -75,7 +75,8 @@ class TestDdp(LedOutputContract):
     def decode(self, received: bytes) -> list[bytes]:
         frames: list[bytes] = []
         while received:
-            end = DDP_HEADER_BYTES + int.from_bytes(received[DDP_HEADER_BYTES - 2 : DDP_HEADER_BYTES], "big")
+            length = int.from_bytes(received[DDP_HEADER_BYTES - 2 : DDP_HEADER_BYTES], "big")
+            end = DDP_HEADER_BYTES + length
             frames.append(received[DDP_HEADER_BYTES:end])
             received = received[end:]
         return frames
@@ -110,14 +111,19 @@ class TestMqttLamps(LedOutputContract):
 
     def decode(self, received: bytes) -> list[bytes]:
         """Return the colours of all lamps after each command of Zigbee2MQTT."""
-        topics = [
-            f"zigbee2mqtt/{lamp_id(strip.id, pixel)}/set" for strip in STRIPS for pixel in range(strip.pixels)
-        ]
-        colors = dict.fromkeys(topics, bytes(3))
+        colors: dict[str, bytes] = {}
+        for strip in STRIPS:
+            for pixel in range(strip.pixels):
+                colors[f"zigbee2mqtt/{lamp_id(strip.id, pixel)}/set"] = bytes(3)
+
         pictures: list[bytes] = []
         for message in published(received):
-            if message.topic in colors:
-                light = json.loads(message.payload)
-                colors[message.topic] = bytes(light["color"].values()) if light["state"] == "ON" else bytes(3)
-                pictures.append(b"".join(colors.values()))
+            if message.topic not in colors:
+                continue
+            light = json.loads(message.payload)
+            color = bytes(3)
+            if light["state"] == "ON":  # the command that turns a lamp off has no colour
+                color = bytes(light["color"].values())
+            colors[message.topic] = color
+            pictures.append(b"".join(colors.values()))
         return pictures

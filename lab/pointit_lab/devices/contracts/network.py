@@ -40,8 +40,9 @@ class SlimevrTracker(UdpDevice):
         """Send handshakes until one is answered."""
         firmware = b"fake"
         head = struct.pack(">IQ7iB", 3, 0, 4, 0, 2, 0, 0, 0, 19, len(firmware))
-        while not any(each.startswith(ANSWER) for each in self.datagrams):
-            await super().send(head + firmware + bytes.fromhex("02000a0b0c0d"))
+        mac_address = bytes.fromhex("02000a0b0c0d")
+        while not any(datagram.startswith(ANSWER) for datagram in self.datagrams):
+            await super().send(head + firmware + mac_address)
             await asyncio.sleep(CALL_S)
 
 

@@ -37,7 +37,11 @@ _NEEDED = {
 }
 """First bytes of the commands without which the fusion sends nothing."""
 _NEEDED_WITH_MAGNETOMETER = ("1504040e", "150306", "15020100", "150101")
-_BATTERY = bytes.fromhex("118c633410")
+_REPLIES = {
+    "BMI160": {"0380": "03800101", "1380": "13800001", "1980": "19800003", "118c": "118c633410"},
+    "BMI270": {"0380": "03800401", "1380": "13800101", "1980": "19800003", "118c": "118c633410"},
+}
+"""Answers to reads: accelerometer, gyroscope, fusion, battery."""
 
 
 class SimulatedMetaMotion(SimulatedWrist):
@@ -70,14 +74,11 @@ class SimulatedMetaMotion(SimulatedWrist):
             return
         self.commands.append(data)
         text = data.hex()
-        replies = {
-            "0380": "03800101" if self._chip == "BMI160" else "03800401",
-            "1380": "13800001" if self._chip == "BMI160" else "13800101",
-            "1980": "19800003",
-            "118c": _BATTERY.hex(),
-        }
-        if text in replies:
-            yield _NOTIFY, bytes.fromhex(replies[text])
+
+        # A read is answered; any other command changes the state. Only the fusion needs what was done before.
+        reply = _REPLIES[self._chip].get(text)
+        if reply is not None:
+            yield _NOTIFY, bytes.fromhex(reply)
         elif text == "fe01":
             self.resets += 1
             self.restart()
@@ -110,4 +111,7 @@ class SimulatedMetaMotion(SimulatedWrist):
         needed = [*_NEEDED[self._chip]]
         if "19020113" in self._done:
             needed += _NEEDED_WITH_MAGNETOMETER
-        return all(any(done.startswith(each) for done in self._done) for each in needed)
+        return all(self._has_done(prefix) for prefix in needed)
+
+    def _has_done(self, prefix: str) -> bool:
+        return any(command.startswith(prefix) for command in self._done)

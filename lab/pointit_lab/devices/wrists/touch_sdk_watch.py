@@ -47,11 +47,15 @@ class SimulatedTouchSdkWatch(SimulatedWrist):
 
     def describe(self, hand: Hand | None, battery_percent: int) -> None:
         """Set what a read returns: the description and one frame at rest."""
-        info = b"" if hand is None else bytes((0x08, 1 if hand == "right" else 2))
+        info = b""
+        if hand is not None:
+            info += bytes((0x08, 1 if hand == "right" else 2))
         if battery_percent:
             info += bytes((0x48, battery_percent))
-        info += bytes((0x5A, 10)) + struct.pack("<BfBf", 0x0D, 454.0, 0x15, 454.0)
-        self.values[_OUTPUT] = self.frame((0.0, 0.0, 0.0, 1.0)) + bytes((0x4A, len(info))) + info
+        screen = struct.pack("<BfBf", 0x0D, 454.0, 0x15, 454.0)
+        info += bytes((0x5A, len(screen))) + screen
+        frame = self.frame((0.0, 0.0, 0.0, 1.0))
+        self.values[_OUTPUT] = frame + bytes((0x4A, len(info))) + info
 
     def connected(self) -> None:
         """Stream nothing until the program has introduced itself."""
@@ -79,13 +83,16 @@ class SimulatedTouchSdkWatch(SimulatedWrist):
         x, y, z, w = orientation_xyzw
         up = rotate(inverse(orientation_xyzw), (0.0, 0.0, 9.80665))
         self.unix_ms += PERIOD_MS
-        quaternion = _numbers(w, x, y, z)
-        frame = b"\x0a\x00" + _part(2, _numbers(*up)) + _part(3, _numbers(*up)) + _part(4, quaternion)
-        return (
-            _part(1, frame + bytes((0x28, PERIOD_MS)))
-            + bytes((0x38, PERIOD_MS, 0x40))
-            + _varint(self.unix_ms)
-        )
+        up_numbers = _numbers(*up)
+
+        # Protocol Buffers: within part 1 are the frame's parts 2 to 5; the times 7 and 8 follow it.
+        frame = b"\x0a\x00"
+        frame += _part(2, up_numbers)
+        frame += _part(3, up_numbers)
+        frame += _part(4, _numbers(w, x, y, z))
+        frame += bytes((0x28, PERIOD_MS))
+        times = bytes((0x38, PERIOD_MS, 0x40)) + _varint(self.unix_ms)
+        return _part(1, frame) + times
 
 
 def _part(number: int, content: bytes) -> bytes:
@@ -93,7 +100,11 @@ def _part(number: int, content: bytes) -> bytes:
 
 
 def _numbers(*values: float) -> bytes:
-    return b"".join(struct.pack("<Bf", i << 3 | 5, each) for i, each in enumerate(values, 1) if each != 0.0)
+    fields = b""
+    for number, value in enumerate(values, 1):
+        if value != 0.0:  # Protocol Buffers leave zeros out
+            fields += struct.pack("<Bf", number << 3 | 5, value)
+    return fields
 
 
 def _varint(value: int) -> bytes:

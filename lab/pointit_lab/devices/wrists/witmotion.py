@@ -33,7 +33,7 @@ class SimulatedWitMotion(SimulatedWrist):
         self.is_unlocked = False
         self.rate_code = 6
         """Its register of the rate: 6 is 10 Hz."""
-        self._before: Quaternion | None = None
+        self._previous: Quaternion | None = None
 
     def write(self, characteristic: str, data: bytes) -> Sent:
         """Return its answers to a command."""
@@ -51,9 +51,17 @@ class SimulatedWitMotion(SimulatedWrist):
         if not abs(math.hypot(*orientation_xyzw) - 1.0) < 1e-3:
             raise ValueError("no orientation")
         up = rotate(inverse(orientation_xyzw), (0.0, 0.0, 1.0))
-        x, y, z, w = multiply(inverse(self._before or orientation_xyzw), orientation_xyzw)
-        self._before = orientation_xyzw
+        previous = self._previous or orientation_xyzw
+        x, y, z, w = multiply(inverse(previous), orientation_xyzw)
+        self._previous = orientation_xyzw
+
         # twice the half angle, by the rate: small turns
         scale = math.copysign(2.0, w) * _RATES_HZ[self.rate_code] / _FULL_RATE_RADPS * 32768.0
-        turn = (max(-32768, min(32767, round(scale * each))) for each in (x, y, z))
-        return b"\x55\x61" + struct.pack("<9h", *(round(_ONE_G * each) for each in up), *turn, 0, 0, 0)
+        turn = [_int16(scale * half_sine) for half_sine in (x, y, z)]
+        acceleration = [round(_ONE_G * component) for component in up]
+        return b"\x55\x61" + struct.pack("<9h", *acceleration, *turn, 0, 0, 0)
+
+
+def _int16(value: float) -> int:
+    """Return the nearest value that the register can have."""
+    return max(-32768, min(32767, round(value)))

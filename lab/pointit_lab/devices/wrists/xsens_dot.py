@@ -32,7 +32,9 @@ class SimulatedXsensDot(SimulatedWrist):
 
     def write(self, characteristic: str, data: bytes) -> Sent:
         """Start or end the measurement."""
-        if characteristic == _CONTROL and data[:1] == b"\1" and data[2:] == b"\5":
+        if characteristic != _CONTROL:
+            return ()
+        if data[:1] == b"\1" and data[2:] == b"\5":
             self.is_streaming = data[1:2] == b"\1"
         return ()
 

@@ -575,7 +575,6 @@ def _declare_channels(
             continue
         if not MOTION_COLUMNS[ours]:
             continue
-            continue
         if unit not in MOTION_COLUMNS[ours]:
             raise ConfigError(
                 f"channel {column.source} has the unit {format_value(unit)}; set columns to its size in SI "

@@ -141,7 +141,6 @@ class BrokerClient:
         error = self._subscription_error(refused)
         if any(topic_filter not in optional for topic_filter in refused):
             raise error
-            raise error
         return str(error)
 
     async def unsubscribe(self, filters: Sequence[str]) -> None:

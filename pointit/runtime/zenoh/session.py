@@ -288,7 +288,6 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         refusal = await in_daemon_thread(lambda: refusals(link), "refusal")
         if not refusal:
             welcome_s = loop.time()
-        if not refusal:
             return ConnectError(
                 f"nobody answers at {addresses}; is `pointit run` or `pointit router` running there?"
             )

@@ -399,9 +399,10 @@ class NatNetClient(asyncio.DatagramProtocol):
         sock = open_datagram_socket("", info.data_port)
         try:
             if info.is_multicast:
-                interfaces = [_own_address(host), DEFAULT_INTERFACE]
                 if self._interface:
                     interfaces = [self._interface]
+                else:
+                    interfaces = [_own_address(host), DEFAULT_INTERFACE]
                 _join(sock, info.group, interfaces)
             transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self, sock=sock)
         except BaseException:

@@ -1,5 +1,6 @@
 """NatNet: connection, clock, names and streams that are not used; packets of others, changed and damaged."""
 
+import asyncio
 import contextlib
 import json
 import math
@@ -9,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from pointit.bridges.mocap import natnet_client
 from pointit.bridges.mocap.bodies import Bodies, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.natnet_client import NatNetSession, ServerClock
+from pointit.bridges.mocap.natnet_client import NatNetClient, NatNetSession, ServerClock
 from pointit.bridges.mocap.natnet_packets import (
     MalformedPacketError,
+    ServerInfo,
     connect_packet,
     read_frame,
     read_models,
@@ -366,3 +369,25 @@ def test_an_independent_decoder_reads_the_same() -> None:
             assert body.error_m == other.marker_error
         if version >= (3, 0):
             assert ours.exposure_ticks == theirs.suffix.stamp_camera_mid_exposure
+
+
+def test_named_interface_joins_without_route_to_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    joined: list[str] = []
+
+    def no_route(host: str) -> str:
+        raise OSError(host)
+
+    monkeypatch.setattr(natnet_client, "_own_address", no_route)
+    monkeypatch.setattr(natnet_client, "_join", lambda _sock, _group, interfaces: joined.extend(interfaces))
+    conversation = Conversation()
+    client = NatNetClient(
+        conversation.session, lambda: START_NS, lambda _warning: None, interface="127.0.0.1"
+    )
+    info = ServerInfo("Motive", (3, 1), CLOCK_HZ, data_port=0, is_multicast=True, group="239.255.42.99")
+
+    async def open_and_close() -> None:
+        stream = await client._open_stream(info, "motive-pc")
+        stream.close()
+
+    asyncio.run(open_and_close())
+    assert joined == ["127.0.0.1"]

@@ -205,7 +205,6 @@ class Foxglove(Service[FoxgloveConfig]):
         else:
             now_ns = self.clock.now_ns()
             self._send_log(self._event_log.active_warnings(now_ns))
-        self._schedule_frame()
 
     def _schedule_frame(self) -> None:
         """Schedule the next frame as soon as the rate allows, if a viewer is connected."""

@@ -258,18 +258,16 @@ def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
     _, sizes, axes = np.linalg.svd(points - points.mean(axis=0))
     if sizes[1] < 0.05:
         raise RefusedError("these corners are in one line: point at three corners of it")
-    normal = axes[2] * (1.0 if axes[2][2] >= 0 else -1.0)
+
+    # A table is level and a screen upright, if they nearly are.
+    upward = 1.0 if axes[2][2] >= 0 else -1.0
+    normal = axes[2] * upward
     if abs(normal[2]) > math.cos(math.radians(20.0)):
-        normal = np.array([0.0, 0.0, 1.0])  # a table is level
+        normal = np.array([0.0, 0.0, 1.0])
     elif abs(normal[2]) < math.sin(math.radians(20.0)):
-        normal = np.array([normal[0], normal[1], 0.0]) / math.hypot(
-            normal[0], normal[1]
-        )  # a screen is upright
+        normal = np.array([normal[0], normal[1], 0.0]) / math.hypot(normal[0], normal[1])
     extents = [float(np.ptp(points @ np.array(axis))) for axis in plane_axes(vec3(normal))]
-    return PlaneEntry.model_validate(
-        {
-            "center": [round(float(v), 3) for v in middle],
-            "normal": [round(float(v), 4) for v in normal],
-            "size": [round(max(extent, 0.01), 3) for extent in extents],
-        }
-    )
+    center = [round(float(coordinate), 3) for coordinate in middle]
+    rounded_normal = [round(float(coordinate), 4) for coordinate in normal]
+    size = [round(max(extent, 0.01), 3) for extent in extents]
+    return PlaneEntry.model_validate({"center": center, "normal": rounded_normal, "size": size})

@@ -272,7 +272,7 @@ class FirstPoses:
         return min(grown, key=lambda placed: (-len(placed.views), placed.cost), default=None)
 
     def _shared_weight(self, base: int, other: int) -> float:
-        """Return how many pieces two views share; one that is small in a picture counts less."""
+        """Return the number of pieces that two views share; one that is small in a picture counts less."""
         base_lines = self._lines[base]
         other_lines = self._lines[other]
         full_px = 0.15 * self._side_px
@@ -406,7 +406,7 @@ class FirstPoses:
         ties = placed.ties[-1]
         own = self._lines[placed.views[-1]]
         others = [self._lines[view] for view in placed.views[:-1]]
-        shown = [piece for piece in own if any(piece in lines for lines in others)]
+        shown = set(own) & set[Piece]().union(*others)
         if len(ties) < MAX_LINES * len(shown):
             return False
 

@@ -253,7 +253,8 @@ def _strip(
     pitch_m = length_m / spec.count
     sigma_m = _sigma(covariance, views)
     reason = _uncertainty_reason(refined, chain, sigma_m)
-    alike = [other for other in strips if other is not spec and _has_pitch(other, pitch_m)]
+    alike = [other for other in strips if _has_pitch(other, pitch_m)]
+    alike = [other for other in alike if other is not spec]
 
     # A part that was never seen makes it less certain. If it is the end, another strip may end there.
     low, high = _unseen(refined, chain, spec.count)

@@ -107,7 +107,7 @@ class AppendOnlyCsv:
         if self.path.exists() and _state(self.path) == self._written:
             return
 
-        # Another time of change is none of the content: backups and editors may touch a file.
+        # The time of change may differ with the same content: backups and editors touch files.
         content = table_line(self._columns) + _lines(self._stored)
         if self.path.exists() and self._is_same(content):
             self._written = _state(self.path)

@@ -125,11 +125,12 @@ class DuplicateFinder:
     def _comparable(self, now_ns: int) -> dict[str, TrackedObjects]:
         """Return the newest objects of the trackers that have sent some about `now_ns`, by name in order."""
         max_difference_ns = MAX_STAMP_DIFFERENCE_S * NS_PER_S
-        return {
-            name: newest
-            for name, newest in sorted(self._newest.items())
-            if newest.objects and abs(now_ns - newest.stamp_ns) <= max_difference_ns
-        }
+        comparable: dict[str, TrackedObjects] = {}
+        for name, newest in sorted(self._newest.items()):
+            is_recent = abs(now_ns - newest.stamp_ns) <= max_difference_ns
+            if newest.objects and is_recent:
+                comparable[name] = newest
+        return comparable
 
     @property
     def duplicates(self) -> tuple[DuplicateObject, ...]:

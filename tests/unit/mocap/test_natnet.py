@@ -5,7 +5,9 @@ import contextlib
 import json
 import math
 import random
+import socket
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -377,8 +379,11 @@ def test_named_interface_joins_without_route_to_server(monkeypatch: pytest.Monke
     def no_route(host: str) -> str:
         raise OSError(host)
 
+    def join(_sock: socket.socket, _group: str, interfaces: Sequence[str]) -> None:
+        joined.extend(interfaces)
+
     monkeypatch.setattr(natnet_client, "_own_address", no_route)
-    monkeypatch.setattr(natnet_client, "_join", lambda _sock, _group, interfaces: joined.extend(interfaces))
+    monkeypatch.setattr(natnet_client, "_join", join)
     conversation = Conversation()
     client = NatNetClient(
         conversation.session, lambda: START_NS, lambda _warning: None, interface="127.0.0.1"

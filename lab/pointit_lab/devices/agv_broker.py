@@ -169,7 +169,8 @@ class VirtualAgv:
             self._last_node = (first["nodeId"], first["sequenceId"])
         self.base += others
         places = [self.place, *(_place(node) for node in self.base)]
-        base_m = sum(math.dist(start, end) for start, end in itertools.pairwise(places))
+        steps = itertools.pairwise(places)
+        base_m = sum(math.dist(start, end) for start, end in steps)
         self.farthest_base_m = max(self.farthest_base_m, base_m)
 
     def _act(self, action: dict[str, Any]) -> None:

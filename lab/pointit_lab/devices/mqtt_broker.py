@@ -95,6 +95,7 @@ def _answer(packet: bytes) -> bytes:
     if kind == PING:
         return PINGRESP
     if kind == SUBSCRIBE:
+        # Each filter is granted the quality that it asks for.
         number = body[:2]
         rest = body[2:]
         grants = b""

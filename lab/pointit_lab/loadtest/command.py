@@ -197,7 +197,8 @@ def command(
     # `_run` appends each result, so an interrupted test still prints those before it.
     results: list[LoadResult] = []
     searches: list[CapacitySearch] = []
-    code = run_until_shutdown(_run(loads, users, results, searches if sweep else None))
+    running = _run(loads, users, results, searches if sweep else None)
+    code = run_until_shutdown(running)
     if not results:
         return INTERRUPTED
 
@@ -211,10 +212,8 @@ def command(
 
 
 def _document(results: Sequence[LoadResult], searches: Sequence[CapacitySearch]) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "measured": [result.record() for result in results],
-        "slopes": [part.record() for part in slopes(results)],
-    }
+    document: dict[str, Any] = {"measured": [result.record() for result in results]}
+    document["slopes"] = [part.record() for part in slopes(results)]
     if searches:
         document["limit"] = searches[-1].carried
     return document
@@ -231,7 +230,8 @@ def _exit_code(results: Sequence[LoadResult], searches: Sequence[CapacitySearch]
 
 def _sections(results: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> list[OutputSection]:
     first = results[0]
-    about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
+    rate = f"{first.rate_hz:g} Hz each"
+    about = f"{rate} for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
     rows = tuple(result.row() for result in results)
     sections = [OutputSection(name="load", about=about, rows=rows, roomy=roomy)]

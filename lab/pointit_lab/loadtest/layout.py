@@ -52,8 +52,10 @@ class Load:
         secured = "secured " if self.secured else ""
         program = " (zenohd)" if self.router == "zenohd" else ""
         if self.hosts:
-            hosts = f"{self.hosts} hosts" if self.hosts > 1 else "1 host"
-            routers = f"{self.routers} {secured}routers" if self.routers > 1 else f"1 {secured}router"
+            hosts = "1 host" if self.hosts == 1 else f"{self.hosts} hosts"
+            routers = f"1 {secured}router"
+            if self.routers > 1:
+                routers = f"{self.routers} {secured}routers"
             central = ", all cursors from the first" if self.central else ""
             return f"{hosts}, {routers}{program}{central}"
         words = {

@@ -240,7 +240,11 @@ class CapacitySearch:
 
 
 def _kinds(rates_hz: Mapping[str, float]) -> list[str]:
-    return [f"{kind} {rate_hz:.0f}" for kind, rate_hz in sorted(rates_hz.items()) if round(rate_hz)]
+    kinds: list[str] = []
+    for kind, rate_hz in sorted(rates_hz.items()):
+        if round(rate_hz):
+            kinds.append(f"{kind} {rate_hz:.0f}")
+    return kinds
 
 
 def _rounded(value: float | None) -> float | None:

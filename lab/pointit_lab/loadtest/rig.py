@@ -51,9 +51,9 @@ class LoadTest:
                 if worker.process.returncode is not None:
                     await worker.answer()  # raises
             if time.monotonic() > end_s:
+                people = f"{len(missing)} of {len(self._users)} people"
                 raise ConfigError(
-                    f"{len(missing)} of {len(self._users)} people were not ready within {READY_S:g} s; "
-                    "try fewer --users, or another --layout"
+                    f"{people} were not ready within {READY_S:g} s; try fewer --users, or another --layout"
                 )
             await asyncio.sleep(0.05)
 

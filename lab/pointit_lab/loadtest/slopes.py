@@ -113,7 +113,8 @@ class PartSlopes:
         row: dict[str, Any] = {"part": self.part, "points": self.points}
         for kind, slopes in (("cpu_percent", self.cpu_percent), ("memory_mb", self.memory_mb)):
             for name in (FIXED, PER_PERSON, PER_HOST):
-                row[f"{kind}_{name}"] = str(slopes[name]) if name in slopes else None
+                slope = slopes.get(name)
+                row[f"{kind}_{name}"] = None if slope is None else str(slope)
 
         people_a_core = self.people_a_core
         row["people_a_core"] = None

@@ -60,7 +60,9 @@ async def _work() -> int:
     if launches:  # else it drives wrists alone
         services.add_done_callback(lambda _: reader.feed_eof())
     try:
-        wrists = [LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
+        wrists: list[LoadTestWrist] = []
+        for index, user in enumerate(task["wrists"]):
+            wrists.append(LoadTestWrist(bus.publisher(IMU, user), index))
         sight = LoadTestReceiver(frozenset(task["watched"]))
         sight.watch(bus, alone=True)
         if task["watches_light"]:
@@ -86,14 +88,10 @@ async def _work() -> int:
             cpu_s = 0.0
             if before and after:
                 cpu_s = after.cpu_s - before.cpu_s
-            reply = {
-                "lasted_s": lasted_s,
-                "sent": sum(wrist.sent for wrist in wrists) - sent_before,
-                "cpu_s": cpu_s,
-                "memory_mb": after.memory_mb if after else 0.0,
-                "sight": sight.dump(),
-            }
-            _reply(reply)
+            sent = sum(wrist.sent for wrist in wrists) - sent_before
+            memory_mb = after.memory_mb if after else 0.0
+            usage = {"lasted_s": lasted_s, "sent": sent, "cpu_s": cpu_s, "memory_mb": memory_mb}
+            _reply({**usage, "sight": sight.dump()})
         if services.done():
             services.result()
     finally:

@@ -42,28 +42,24 @@ class Worker:
     @classmethod
     async def start(cls, group: Group, site: str, connect: str, place: Sequence[str] = ()) -> "Worker":
         """Start the process, by the command `place` at another machine, and send it its launches."""
+        command = [*place, *with_parent(), sys.executable, "-m", "pointit_lab.loadtest.worker"]
         process = await asyncio.create_subprocess_exec(
-            *place,
-            *with_parent(),
-            sys.executable,
-            "-m",
-            "pointit_lab.loadtest.worker",
+            *command,
             limit=MAX_LINE,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             process_group=0,  # a terminal's Ctrl-C is for the parent, which ends its children
         )
         worker = cls(group, process)
-        worker.send_line(
-            {
-                "site": site,
-                "connect": connect,
-                "launches": _dumped(group.launches),
-                "wrists": list(group.wrists),
-                "watched": list(group.watched),
-                "watches_light": group.watches_light,
-            }
-        )
+        task = {
+            "site": site,
+            "connect": connect,
+            "launches": [_dumped(launch) for launch in group.launches],
+            "wrists": list(group.wrists),
+            "watched": list(group.watched),
+            "watches_light": group.watches_light,
+        }
+        worker.send_line(task)
         return worker
 
     def send_line(self, message: dict[str, Any]) -> None:
@@ -95,14 +91,7 @@ class Worker:
             await self.process.wait()
 
 
-def _dumped(launches: Sequence[Launch]) -> list[dict[str, Any]]:
-    """Serialize launches for a worker."""
-    return [
-        {
-            "service": launch.service.NAME,
-            "user": launch.user,
-            "name": launch.name,
-            "config": launch.config.model_dump(mode="json"),
-        }
-        for launch in launches
-    ]
+def _dumped(launch: Launch) -> dict[str, Any]:
+    """Serialize a launch for a worker."""
+    config = launch.config.model_dump(mode="json")
+    return {"service": launch.service.NAME, "user": launch.user, "name": launch.name, "config": config}

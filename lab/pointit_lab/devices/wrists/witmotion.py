@@ -44,7 +44,8 @@ class SimulatedWitMotion(SimulatedWrist):
         elif data[:3] == bytes.fromhex("ffaa03") and self.is_unlocked:
             self.rate_code = data[3]
         elif data == bytes.fromhex("ffaa276400"):
-            yield _NOTIFY, bytes.fromhex("55716400") + struct.pack("<8h", 393, 0, 0, 0, 0, 0, 0, 0)
+            battery = struct.pack("<8h", 393, 0, 0, 0, 0, 0, 0, 0)
+            yield _NOTIFY, bytes.fromhex("55716400") + battery
 
     def frame(self, orientation_xyzw: Quaternion) -> bytes:
         """Return the frame of its next sample. Raises ValueError if this is no orientation."""

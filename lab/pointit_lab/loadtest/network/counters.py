@@ -53,8 +53,9 @@ class Counters:
         machines = network.machines
         counters = cls({index: machines[index].name for index in sorted(network.traffic())})
         for index in counters._links:
+            command = network.arguments(index, sys.executable, "-m", __name__, UPLINK)
             counters._running[index] = await asyncio.create_subprocess_exec(
-                *network.arguments(index, sys.executable, "-m", __name__, UPLINK),
+                *command,
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 process_group=0,

@@ -46,16 +46,16 @@ def secured_configuration(site: SiteFolder, uplinks: Sequence[str], port: int) -
 
 @contextlib.asynccontextmanager
 async def router_process(
-    made: dict[str, Any], program: Program, folder: Path, place: Sequence[str] = ()
+    settings: dict[str, Any], program: Program, folder: Path, place: Sequence[str] = ()
 ) -> AsyncGenerator[int]:
-    """Yield the process id of a router with the configuration `made`, which is written to `folder`.
+    """Yield the process id of a router with the configuration `settings`, which is written to `folder`.
 
     `place` is the command that runs it at another machine. It ends with this process (`with_parent`).
 
     Raises:
         ConfigError: If it is not installed, or has ended.
     """
-    file = _written(made, folder)
+    file = _write_configuration(settings, folder)
     command = [*place, *with_parent(), *_command(program), "--config", file]
 
     # A group of its own: Ctrl-C at a terminal must not end it before the processes that it connects.
@@ -101,10 +101,10 @@ def _command(program: Program) -> list[str]:
     return [program]
 
 
-def _written(made: dict[str, Any], folder: Path) -> str:
+def _write_configuration(settings: dict[str, Any], folder: Path) -> str:
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "router.json5"
-    file.write_text(json.dumps(made, indent=1), encoding="utf-8")
+    file.write_text(json.dumps(settings, indent=1), encoding="utf-8")
     return str(file)
 
 

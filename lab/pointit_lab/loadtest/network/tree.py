@@ -47,4 +47,7 @@ def router_of(machines: Sequence[Machine], index: int) -> int:
 def spread(names: Sequence[str], machines: Sequence[Machine]) -> dict[int, list[str]]:
     """Return the people of each host, by the machine's index: evenly, in turn."""
     hosts = [index for index, machine in enumerate(machines) if machine.has_people]
-    return {index: list(names[turn :: len(hosts)]) for turn, index in enumerate(hosts)}
+    people: dict[int, list[str]] = {}
+    for turn, index in enumerate(hosts):
+        people[index] = list(names[turn :: len(hosts)])
+    return people

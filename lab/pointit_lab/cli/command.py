@@ -49,21 +49,19 @@ def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def _options(command: Callable[..., None]) -> Callable[..., None]:
-    for option in reversed(
-        (
-            click.option(
-                "--data", help="folder with the recordings, or the one that has it as `recordings`", **DATA
-            ),
-            click.option(
-                "--set", "sets", multiple=True, metavar="NAME", help="only this set; may be repeated"
-            ),
-            click.option(
-                "--subject", "subjects", multiple=True, metavar="S", help="only this person; may be repeated"
-            ),
-            JSON,
-            click.option("--brief", is_flag=True, help="a table without the rows of single people"),
-        )
-    ):
+    options = (
+        click.option(
+            "--data", help="folder with the recordings, or the one that has it as `recordings`", **DATA
+        ),
+        click.option("--set", "sets", multiple=True, metavar="NAME", help="only this set; may be repeated"),
+        click.option(
+            "--subject", "subjects", multiple=True, metavar="S", help="only this person; may be repeated"
+        ),
+        JSON,
+        click.option("--brief", is_flag=True, help="a table without the rows of single people"),
+    )
+    # As decorators, of which the last is applied first: the help lists them in this order.
+    for option in reversed(options):
         command = option(command)
     return command
 
@@ -196,7 +194,8 @@ def _evaluate_sessions(
     if not rows:
         raise ConfigError(f"--subject {subjects[0]}: no person of that name can be scored here")
     over = over_people(rows, OURS)
-    if write_json({**document(rows), "over_people": [figures.as_json() for figures in over]}, json_file):
+    over_document = [figures.as_json() for figures in over]
+    if write_json({**document(rows), "over_people": over_document}, json_file):
         return
 
     screen = evaluation_console()

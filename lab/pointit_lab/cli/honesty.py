@@ -117,13 +117,12 @@ def honesty(
 
         # A row that should be there and is missing is a regression, too.
         default_sets = SIMULATED if recordings is None else SETS
-        expected = set(product(sets or default_sets, [injection.name for injection in injections]))
+        conditions = [injection.name for injection in injections]
+        expected = set(product(sets or default_sets, conditions))
         worse = regressions(rows, expected) if gate else []
         misses = missed(rows)
-        document: dict[str, Any] = {
-            "rows": [row.as_json() for row in rows],
-            "pooled": [row.as_json() for row in pooled],
-        }
+        document: dict[str, Any] = {"rows": [row.as_json() for row in rows]}
+        document["pooled"] = [row.as_json() for row in pooled]
         document["missed"] = [_missed_document(row, figures) for row, figures in misses]
         document["worse"] = worse
         if not write_json(document, json_file):
@@ -201,4 +200,6 @@ def _range(shares: tuple[float, float] | None) -> str | None:
 def _interval(share: Interval | None) -> str | None:
     if share is None:
         return None
-    return f"{100.0 * share.value:.1f} [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] %"
+    low = 100.0 * share.low
+    high = 100.0 * share.high
+    return f"{100.0 * share.value:.1f} [{low:.1f}, {high:.1f}] %"

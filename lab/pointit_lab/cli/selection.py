@@ -37,18 +37,19 @@ NOTES = (
 )
 
 COLUMNS = (
-    Column[SelectionMetrics](name="n", cell=lambda each: str(each.n)),
+    Column[SelectionMetrics](name="n", cell=lambda figures: str(figures.n)),
     Column[SelectionMetrics](
-        name="median", cell=lambda each: number(each.time_s.median if each.time_s else None, 1)
+        name="median", cell=lambda figures: number(figures.time_s.median if figures.time_s else None, 1)
     ),
     Column[SelectionMetrics](
-        name="p90", cell=lambda each: number(each.time_s.p90 if each.time_s else None, 1)
+        name="p90", cell=lambda figures: number(figures.time_s.p90 if figures.time_s else None, 1)
     ),
     Column[SelectionMetrics](
-        name="between", cell=lambda each: number(each.between_s.median if each.between_s else None, 1)
+        name="between",
+        cell=lambda figures: number(figures.between_s.median if figures.between_s else None, 1),
     ),
-    Column[SelectionMetrics](name="wrong", cell=lambda each: share(each.wrong_rate, 1)),
-    Column[SelectionMetrics](name="missed", cell=lambda each: share(each.missed_rate, 1)),
+    Column[SelectionMetrics](name="wrong", cell=lambda figures: share(figures.wrong_rate, 1)),
+    Column[SelectionMetrics](name="missed", cell=lambda figures: share(figures.missed_rate, 1)),
 )
 
 DIFFERENCE_NOTES = (
@@ -214,15 +215,13 @@ def _differences(differences: Sequence[Difference]) -> Table:
     for name in ("condition", "methods", "errors", "time", "so"):
         table.add_column(name)
     for difference in differences:
+        methods = f"{difference.method} - {difference.other}"
+        errors = _interval(difference.errors, 100.0, "%")
         time = "-" if difference.time_s is None else _interval(difference.time_s, 1.0, "s")
-        claims = "; ".join(difference.claims)
-        table.add_row(
-            Text(difference.condition),
-            Text(f"{difference.method} - {difference.other}"),
-            Text(_interval(difference.errors, 100.0, "%")),
-            Text(time),
-            Text(claims or "-"),
-        )
+        claims = "; ".join(difference.claims) or "-"
+        # As `Text`: brackets of intervals are no markup.
+        texts = (difference.condition, methods, errors, time, claims)
+        table.add_row(*map(Text, texts))
     return table
 
 

@@ -93,8 +93,13 @@ def fitted_table(
     by_rank = sorted(filled, key=lambda column: column.rank)
     unbounded = console.options.update(max_width=10 * PIPE_WIDTH)
     for count in range(len(filled), -1, -1):
-        shown = [column for column in filled if column in by_rank[:count]]
-        left_out = [column for column in filled if column not in shown]
+        shown: list[Column[AnyRow]] = []
+        left_out: list[Column[AnyRow]] = []
+        for column in filled:
+            if column in by_rank[:count]:
+                shown.append(column)
+            else:
+                left_out.append(column)
         figures = [(column.head, cells[column.name]) for column in shown]
         table = _table(title, words, figures)
         width = console.measure(table, options=unbounded).minimum
@@ -114,8 +119,9 @@ def _table(
         width = max(map(len, (head, *texts)))
         table.add_column(head, min_width=min(WORDS_WIDTH, width))
     for head, figure_texts in figures:
-        shown_texts = [text or "-" for text in figure_texts]
-        width = max(map(len, (head, *shown_texts)))
+        width = len(head)
+        for text in figure_texts:
+            width = max(width, len(text or "-"))
         table.add_column(head, justify="right", no_wrap=True, min_width=width)
 
     # A block ends where the first text changes.
@@ -262,7 +268,9 @@ def print_rows(console: Console, rows: Sequence[Row], remarks: Sequence[str] = (
         words["solver"] = [row.solver for row in set_rows]
         fitted = fitted_table(console, name, words, _COLUMNS, set_rows)
         console.print(fitted.table)
-        notes += [column.note for column in fitted.columns if column.note]
+        for column in fitted.columns:
+            if column.note:
+                notes.append(column.note)
         left_out += [column.name for column in fitted.left_out]
         needed = max(needed, fitted.needed)
 
@@ -285,19 +293,20 @@ def print_over_people(console: Console, name: str, over: Sequence[OverPeople], r
 
 
 def _over_people_row(figures: OverPeople) -> dict[str, Any]:
-    return {
-        "condition": figures.condition,
-        "solver": figures.solver,
-        "people": figures.people,
-        "error": _interval(figures.error, figures.unit),
-        "without one": _range(figures.error_without_one),
-        "ratio": "" if figures.ratio is None else _interval(figures.ratio),
-        "without one person": _range(figures.without_one),
-    }
+    ratio = "" if figures.ratio is None else _interval(figures.ratio)
+    row: dict[str, Any] = {"condition": figures.condition, "solver": figures.solver, "people": figures.people}
+    row["error"] = _interval(figures.error, figures.unit)
+    row["without one"] = _range(figures.error_without_one)
+    row["ratio"] = ratio
+    row["without one person"] = _range(figures.without_one)
+    return row
 
 
 def _range(ends: tuple[float, float] | None) -> str:
-    return "" if ends is None else f"{ends[0]:.2f} to {ends[1]:.2f}"
+    if ends is None:
+        return ""
+    low, high = ends
+    return f"{low:.2f} to {high:.2f}"
 
 
 def _interval(interval: Interval, unit: str = "") -> str:

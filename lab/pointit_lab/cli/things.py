@@ -71,15 +71,15 @@ def things(
         raise ConfigError(f"--method {method}: there is no such method; there are {', '.join(METHODS.names)}")
     config = SelectorConfig(method=method)
 
-    # Batches are what a process computes at once: of trials that reach for a thing, and of people who miss.
+    # A process computes a batch of reaches at once, or one person who points elsewhere.
     reach_batches: list[tuple[ThingRow, int, int]] = []
     for row in ROWS:
         for first in range(seed, seed + trials, BATCH):
             reach_batches.append((row, first, min(BATCH, seed + trials - first)))
-    miss_batches: list[tuple[MissKind, int, float]] = []
+    bystanders: list[tuple[MissKind, int, float]] = []
     for kind in MISS_KINDS:
         for index in range(people):
-            miss_batches.append((kind, seed + index, minutes))
+            bystanders.append((kind, seed + index, minutes))
 
     with interruptible():
         with progress() as tell_progress:
@@ -91,7 +91,7 @@ def things(
             )
             wrong_counts = map_in_order(
                 partial(wrong_selections, config),
-                miss_batches,
+                bystanders,
                 jobs=jobs,
                 tick=lambda done, of: tell_progress(f"people who point elsewhere, {done} of {of}"),
             )
@@ -104,7 +104,7 @@ def things(
         per_half_hour: dict[MissKind, float] = {}
         if people:
             counts = dict.fromkeys(MISS_KINDS, 0)
-            for (kind, _, _), count in zip(miss_batches, wrong_counts, strict=True):
+            for (kind, _, _), count in zip(bystanders, wrong_counts, strict=True):
                 counts[kind] += count
             per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in counts.items()}
         document = {"rows": [asdict(row) for row in rows], "unintended_per_30_min": per_half_hour}
@@ -125,7 +125,8 @@ COLUMNS: "tuple[Column[ReachRow], ...]" = (
 
 def _print(rows: "Sequence[ReachRow]", per_half_hour: "Mapping[MissKind, float]") -> None:
     screen = evaluation_console()
-    screen.print(fitted_table(screen, "", {"things": [row.name for row in rows]}, COLUMNS, rows).table)
+    words = {"things": [row.name for row in rows]}
+    screen.print(fitted_table(screen, "", words, COLUMNS, rows).table)
     screen.print(Text(NOTES))
     for kind, rate in per_half_hour.items():
         screen.print(Text(f"Unintended firings in 30 min of pointing at {PLACES[kind]}: {rate:.1f}"))

@@ -58,21 +58,23 @@ def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
         samples["bare"] += asyncio.run(bare_zenoh.processes(hops, rate_hz, duration_s, free_endpoint()))
         samples["separate"] += asyncio.run(our_chain.processes(rate_hz, duration_s, free_endpoint()))
     figures = {name: Figures.of(values) for name, values in samples.items()}
+    one_process = {
+        "bare_zenoh_direct": figures["direct"].as_dict(),
+        "bare_zenoh_default": figures["default"].as_dict(),
+        "ours": figures["ours"].as_dict(),
+        "ratio_to_direct": figures["ours"].ratio_to(figures["direct"]),
+        "ratio_to_default": figures["ours"].ratio_to(figures["default"]),
+    }
+    separate_processes = {
+        "bare_zenoh_direct": figures["bare"].as_dict(),
+        "ours": figures["separate"].as_dict(),
+        "ratio_to_direct": figures["separate"].ratio_to(figures["bare"]),
+    }
     return {
         "rate_hz": rate_hz,
         "hops": hops,
-        "one_process": {
-            "bare_zenoh_direct": figures["direct"].as_dict(),
-            "bare_zenoh_default": figures["default"].as_dict(),
-            "ours": figures["ours"].as_dict(),
-            "ratio_to_direct": figures["ours"].ratio_to(figures["direct"]),
-            "ratio_to_default": figures["ours"].ratio_to(figures["default"]),
-        },
-        "separate_processes": {
-            "bare_zenoh_direct": figures["bare"].as_dict(),
-            "ours": figures["separate"].as_dict(),
-            "ratio_to_direct": figures["separate"].ratio_to(figures["bare"]),
-        },
+        "one_process": one_process,
+        "separate_processes": separate_processes,
     }
 
 
@@ -178,13 +180,13 @@ def measure_hop(duration_s: float) -> dict[str, Any]:
         raise click.ClickException(
             f"{rclpy_relay.PYTHON} is not there; `scripts/test tests/interop/ros2_dds` makes it"
         )
-    row = asyncio.run(our_chain.carried(HOP_PEOPLE, duration_s, free_endpoint()))
+    chain = asyncio.run(our_chain.carried(HOP_PEOPLE, duration_s, free_endpoint()))
+    rclpy = rclpy_relay.measure_cost(HOP_HZ, duration_s)
+    zenoh = asyncio.run(bare_zenoh.measure_relay(HOP_HZ, duration_s))
     return {
-        "one hop through rclpy, Fast DDS": rclpy_relay.measure_cost(HOP_HZ, duration_s)["us_per_message"],
-        "one hop through bare Zenoh": asyncio.run(bare_zenoh.measure_relay(HOP_HZ, duration_s))[
-            "us_per_message"
-        ],
-        f"whole chain, {HOP_PEOPLE} people": row["services_us_per_sample"],
+        "one hop through rclpy, Fast DDS": rclpy["us_per_message"],
+        "one hop through bare Zenoh": zenoh["us_per_message"],
+        f"whole chain, {HOP_PEOPLE} people": chain["services_us_per_sample"],
     }
 
 
@@ -244,16 +246,14 @@ def latency_table(latency_result: dict[str, Any]) -> Table:
     for layout in ("one_process", "separate_processes"):
         for name, figures in latency_result[layout].items():
             if name.startswith("ratio"):
-                table.add_row(layout, name, f"{figures['p50']:.2f} x", f"{figures['p99']:.2f} x", "", "")
+                p50 = f"{figures['p50']:.2f} x"
+                p99 = f"{figures['p99']:.2f} x"
+                table.add_row(layout, name, p50, p99, "", "")
             else:
-                table.add_row(
-                    layout,
-                    name,
-                    f"{figures['p50_ms']:.3f}",
-                    f"{figures['p99_ms']:.3f}",
-                    f"{figures['max_ms']:.2f}",
-                    str(figures["count"]),
-                )
+                p50 = f"{figures['p50_ms']:.3f}"
+                p99 = f"{figures['p99_ms']:.3f}"
+                longest = f"{figures['max_ms']:.2f}"
+                table.add_row(layout, name, p50, p99, longest, str(figures["count"]))
     return table
 
 
@@ -269,16 +269,12 @@ def users_table(title: str, rows: list[dict[str, Any]]) -> Table:
     for row in rows:
         age = row["age_of_cursors"]
         driver_us = row["driver_us_per_sample"]
+        share = f"{row['services_share_of_a_core']:.1%}"
+        services = f"{row['services_us_per_sample']:.0f} µs a sample"
         driver = f"{driver_us:.0f} µs" if driver_us else "apart"
+        delivered = f"{row['delivered']:.1%}"
         p99_age_ms = f"{age['p99_ms']:.2f}" if age else "-"
-        table.add_row(
-            str(row["users"]),
-            f"{row['services_share_of_a_core']:.1%}",
-            f"{row['services_us_per_sample']:.0f} µs a sample",
-            driver,
-            f"{row['delivered']:.1%}",
-            p99_age_ms,
-        )
+        table.add_row(str(row["users"]), share, services, driver, delivered, p99_age_ms)
     return table
 
 

@@ -110,8 +110,10 @@ def table(result: dict[str, Any]) -> Table:
     for name, values in result["figures"].items():
         medians = [f"{statistics.median(values[key]):.2f}" for key in ("here", "there", "ratio")]
         ratios = values["ratio"]
-        mean = fit({"mean": [1.0] * len(ratios)}, ratios).get("mean", "-")
-        shown.add_row(name, *medians, str(mean), f"{min(ratios):.2f}, {max(ratios):.2f}")
+        slopes = fit({"mean": [1.0] * len(ratios)}, ratios)  # a fit of a constant is a mean with its interval
+        mean = slopes.get("mean", "-")
+        spread = f"{min(ratios):.2f}, {max(ratios):.2f}"
+        shown.add_row(name, *medians, str(mean), spread)
     return shown
 
 

@@ -176,12 +176,15 @@ async def relay_cost(
     await asyncio.sleep(TAIL_S)
     cpu_s = after.user + after.system - before.user - before.system
     messages = turn * per_turn
+    share = round(cpu_s / took_s, 4)
+    rate_hz = round(messages / took_s, 1)
     us_per_message = round(cpu_s / messages * 1e6, 1) if messages else None
-    return messages, {
-        "cpu_share_of_a_core": round(cpu_s / took_s, 4),
-        "messages_per_second": round(messages / took_s, 1),
+    figures = {
+        "cpu_share_of_a_core": share,
+        "messages_per_second": rate_hz,
         "us_per_message": us_per_message,
     }
+    return messages, figures
 
 
 @dataclass(frozen=True)
@@ -204,11 +207,11 @@ async def relaying() -> AsyncGenerator[RelayEnds]:
     samples: list[zenoh.Sample] = []
     try:
         # It is ready when a sample has come through, there and back.
-        for near, far, key in ((source, session, THERE), (session, source, BACK)):
-            reader = far.declare_subscriber(key, Callback(samples.append, indirect=False))
+        for sender, receiver, key in ((source, session, THERE), (session, source, BACK)):
+            reader = receiver.declare_subscriber(key, Callback(samples.append, indirect=False))
             async with asyncio.timeout(READY_S):
                 while not samples:
-                    near.put(key, PAYLOAD, attachment=ATTACHMENT)
+                    sender.put(key, PAYLOAD, attachment=ATTACHMENT)
                     await asyncio.sleep(0.1)
             reader.undeclare()
             samples.clear()
@@ -239,30 +242,30 @@ async def measure_relay(rate_hz: float, duration_s: float) -> dict[str, Any]:
 
 def relay_until_terminated(source: str, session: str) -> None:
     """Forward both ways between the sessions at two addresses."""
-    near = opened(connect=source)
-    far = opened(connect=session)
-    there = far.declare_publisher(THERE)
-    back = near.declare_publisher(BACK)
+    source_session = opened(connect=source)
+    sink_session = opened(connect=session)
+    forward_publisher = sink_session.declare_publisher(THERE)
+    return_publisher = source_session.declare_publisher(BACK)
 
-    def relay(sample: zenoh.Sample) -> None:
-        there.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
+    def relay_forward(sample: zenoh.Sample) -> None:
+        forward_publisher.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
 
-    def give_back(sample: zenoh.Sample) -> None:
-        back.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
+    def relay_back(sample: zenoh.Sample) -> None:
+        return_publisher.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
 
     readers = (
-        near.declare_subscriber(THERE, Callback(relay, indirect=False)),
-        far.declare_subscriber(BACK, Callback(give_back, indirect=False)),
+        source_session.declare_subscriber(THERE, Callback(relay_forward, indirect=False)),
+        sink_session.declare_subscriber(BACK, Callback(relay_back, indirect=False)),
     )
     while readers:
         time.sleep(3600.0)
 
 
 if __name__ == "__main__":
-    near, far = sys.argv[1:]
-    if far.isdigit():
-        with opened(connect=near) as child_session:
-            forward(child_session, int(far), "direct")
+    endpoint, hop_or_endpoint = sys.argv[1:]
+    if hop_or_endpoint.isdigit():
+        with opened(connect=endpoint) as child_session:
+            forward(child_session, int(hop_or_endpoint), "direct")
             sys.stdin.read()
     else:
-        relay_until_terminated(near, far)
+        relay_until_terminated(endpoint, hop_or_endpoint)

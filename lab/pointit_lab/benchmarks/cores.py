@@ -77,6 +77,7 @@ class PersonBeforeThings:
 
     def __init__(self, shelf: tuple[float, float, float], columns: int, rows: int) -> None:
         """Create from size of the things, distance between them and from the eyes, m, and their number."""
+        # The middle of the shelf is in front of the person.
         size_m, apart_m, away_m = shelf
         self._wide_rad = math.atan(2.0 * apart_m / away_m)
         y_m = -(columns - 1) / 2.0 * apart_m

@@ -69,20 +69,22 @@ def measure() -> dict[str, Any]:
     # Each of the others has a run of its own: counting would change the time, and tracing both.
     times_s: list[float] = []
     run_virtually(drive(lambda: times_s.append(time.thread_time())))
-    cpu_s = times_s[1] - times_s[0]
+    cpu_us = (times_s[1] - times_s[0]) / samples * 1e6
     messages = run_virtually(drive(lambda: None, read=COUNTED))
     counter = BytecodeCounter()
     run_virtually(drive(counter.toggle))
+    bytecodes = counter.executed.total() / samples
     counts = counter.executed.values()
+    different = sum(count >= USUAL * samples for count in counts)
     return {
         "people": PEOPLE,
         "samples": samples,
         "per_sample": round(totals[-1]),
         "wrists_and_rest": round(totals[0]),
         "by_hop": by_hop,
-        "cpu_us": round(cpu_s / samples * 1e6, 1),
-        "bytecodes": round(counter.executed.total() / samples),
-        "different": sum(count >= USUAL * samples for count in counts),
+        "cpu_us": round(cpu_us, 1),
+        "bytecodes": round(bytecodes),
+        "different": different,
         "messages": {key: round(count / samples, 2) for key, count in messages.items()},
     }
 
@@ -165,6 +167,7 @@ async def drive(
 
 if __name__ == "__main__":
     left_out = sys.argv[1:]
-    came = run_virtually(drive(os.getloadavg, left_out))
-    if not left_out and came[CURSOR.key] < 0.99 * PEOPLE * RATE_HZ * DURATION_S:
+    messages = run_virtually(drive(os.getloadavg, left_out))
+    least = 0.99 * PEOPLE * RATE_HZ * DURATION_S
+    if not left_out and messages[CURSOR.key] < least:
         raise SystemExit("cursors are missing")

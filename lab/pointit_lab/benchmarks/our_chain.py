@@ -249,7 +249,8 @@ def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, LoadSlope]
     """
     rows = [row for row in rows if row["delivered"] >= DELIVERED]
     people = [row.get("people_sent", row["users"]) for row in rows]
-    slopes = fit({"fixed": [1.0] * len(rows), "sample": people}, [row[share] for row in rows])
+    shares = [row[share] for row in rows]
+    slopes = fit({"fixed": [1.0] * len(rows), "sample": people}, shares)
     scales = {"fixed": 100.0, "sample": 1e6 / RATE_HZ}
     costs: dict[str, LoadSlope] = {}
     for name, slope in slopes.items():

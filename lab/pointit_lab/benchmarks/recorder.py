@@ -32,14 +32,17 @@ async def measure(duration_s: float) -> dict[str, Any]:
             commands.kill_all()
     mean: dict[str, float] = {}
     for name in rounds[0]:
-        mean[name] = round(statistics.fmean(figures[name] for figures in rounds), 4)
+        share = statistics.fmean(figures[name] for figures in rounds)
+        mean[name] = round(share, 4)
+    cost_to_recorded_run = mean["recorded_run"] - mean["run"]
+    cost_in_one_process = mean["run_that_records"] - mean["run"]
     return {
         "scenario": SCENARIO,
         "people": PEOPLE,
         "duration_s": duration_s,
         **mean,
-        "cost_to_recorded_run": round(mean["recorded_run"] - mean["run"], 4),
-        "cost_in_one_process": round(mean["run_that_records"] - mean["run"], 4),
+        "cost_to_recorded_run": round(cost_to_recorded_run, 4),
+        "cost_in_one_process": round(cost_in_one_process, 4),
         "load_average": machine()["load_average"][0],
     }
 

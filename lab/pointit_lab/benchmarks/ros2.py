@@ -168,16 +168,17 @@ async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], N
     """Return the CPU share of the bridge while each of `puts` publishes `HZ` messages of each person."""
     ends.rays.clear()
     ends.samples.clear()
-    superseded = ends.reader.traffic.dropped
+    superseded_before = ends.reader.traffic.dropped
 
     def put_all(turn: int) -> None:
         for put in puts:
             put(ends.users[turn % USERS], time.time_ns())
 
     messages, figures = await relay_cost(ends.process, put_all, HZ * USERS, duration_s, per_turn=len(puts))
-    superseded = ends.reader.traffic.dropped - superseded
+    superseded = ends.reader.traffic.dropped - superseded_before
+    arrived = len(ends.rays) + len(ends.samples)
     return {
         **figures,
         "superseded": superseded,  # by the same person's next one while this process was stopped
-        "lost": messages - len(ends.rays) - len(ends.samples) - superseded,
+        "lost": messages - arrived - superseded,
     }

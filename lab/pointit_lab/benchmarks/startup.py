@@ -31,7 +31,8 @@ def start(scenario: str = "scenario_3") -> dict[str, Any]:
     runs = [_run(scenario) for _ in range(RUNS + 1)][1:]
     result: dict[str, Any] = {"scenario": scenario}
     for name in runs[0]:
-        result[name] = round(statistics.median(run[name] for run in runs), 3)
+        median = statistics.median(run[name] for run in runs)
+        result[name] = round(median, 3)
     return result
 
 
@@ -63,10 +64,12 @@ def _run(scenario: str) -> dict[str, float]:
         summary = json.loads(summary_file.read_text(encoding="utf-8"))
 
     light_s = summary["first_frame_unix_s"]
-    cpu_s, queued_s = seen_at[min(seen_at, key=lambda at_s: abs(at_s - light_s))]
+    nearest_s = min(seen_at, key=lambda at_s: abs(at_s - light_s))
+    cpu_s, queued_s = seen_at[nearest_s]
+    to_light_s = light_s - began_s
     return {
-        "command_to_first_light_s": light_s - began_s,
-        "first_light_without_queue_s": light_s - began_s - queued_s,
+        "command_to_first_light_s": to_light_s,
+        "first_light_without_queue_s": to_light_s - queued_s,
         "first_light_cpu_s": cpu_s,
         "command_to_first_cursor_s": summary["first_cursor_unix_s"] - began_s,
         "memory_peak_mb": peak_bytes / 1e6,
@@ -76,6 +79,7 @@ def _run(scenario: str) -> dict[str, float]:
 def _queued_s(pid: int) -> float:
     """Return the time in which the main thread of a process was ready and had no core, or 0 if unknown."""
     try:
-        return int(Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()[1]) / 1e9
+        fields = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()
+        return int(fields[1]) / 1e9
     except (OSError, IndexError):
         return 0.0

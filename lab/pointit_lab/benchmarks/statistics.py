@@ -20,12 +20,9 @@ class Figures:
         """Return the quantiles of `values_s`, seconds, not empty."""
         values = sorted(values_s)
         last = len(values) - 1
-        return cls(
-            count=len(values),
-            p50_ms=values[last // 2] * 1e3,
-            p99_ms=values[int(last * 0.99)] * 1e3,
-            max_ms=values[-1] * 1e3,
-        )
+        p50_s = values[last // 2]
+        p99_s = values[int(last * 0.99)]
+        return cls(count=len(values), p50_ms=p50_s * 1e3, p99_ms=p99_s * 1e3, max_ms=values[-1] * 1e3)
 
     def ratio_to(self, figures: "Figures") -> dict[str, float]:
         """Return p50 and p99 as multiples of `figures`'s."""
@@ -38,9 +35,10 @@ class Figures:
 
 def machine() -> dict[str, Any]:
     """Return the conditions of a measurement: processor count, load, versions."""
+    load_average = [round(value, 2) for value in os.getloadavg()]
     return {
         "cores": os.cpu_count(),
-        "load_average": [round(value, 2) for value in os.getloadavg()],
+        "load_average": load_average,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
     }

@@ -36,8 +36,10 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
     back = np.flatnonzero(steps_s < 0.0)
     if len(back):
         i = int(back[0])
+        before_s = times_s[i]
+        after_s = times_s[i + 1]
         raise ConfigError(
-            f"{path}, {name}: time goes backwards, {times_s[i + 1]:g} after {times_s[i]:g}; sort the rows"
+            f"{path}, {name}: time goes backwards, {after_s:g} after {before_s:g}; sort the rows"
         )
 
     # most often they are milliseconds or nanoseconds
@@ -47,11 +49,13 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
             f"{path}, {name}: the recording lasts {span_s:g} s and at most {LONGEST_S:g} s are read; "
             "is it in seconds?"
         )
-    if len(steps_s) and np.median(steps_s) > LONGEST_STEP_S:
-        raise ConfigError(
-            f"{path}, {name}: the samples are {np.median(steps_s):g} s apart and at most "
-            f"{LONGEST_STEP_S:g} s were expected; is it in seconds?"
-        )
+    if len(steps_s):
+        step_s = np.median(steps_s)
+        if step_s > LONGEST_STEP_S:
+            raise ConfigError(
+                f"{path}, {name}: the samples are {step_s:g} s apart and at most "
+                f"{LONGEST_STEP_S:g} s were expected; is it in seconds?"
+            )
     if len(steps_s) >= 10 and len(steps_s) > MAX_HZ * span_s:
         raise ConfigError(
             f"{path}, {name}: {len(times_s)} samples lie within {span_s:g} s, more than {MAX_HZ:g} a "

@@ -92,9 +92,10 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
         length_s = _length_s(table, first, end)
         stretches, recorded_s = _phases(table, points_m, range(first, end), start_s)
         if recorded_s > length_s + 1.0:
+            samples = length_s * SAMPLE_HZ
             raise table.refuse(
                 first,
-                f"column 'trial_len_samples': {length_s * SAMPLE_HZ:g} samples last {length_s:g} s, but the "
+                f"column 'trial_len_samples': {samples:g} samples last {length_s:g} s, but the "
                 f"phases of the trial last {recorded_s:g} s by column 't'; is it in seconds?",
             )
         target_x_m = float(table.numbers["target_x"][first])
@@ -117,9 +118,10 @@ def _length_s(table: Table, first: int, end: int) -> float:
     for name, values in columns.items():
         others = np.flatnonzero(values != values[0])
         if len(others):
+            other = int(others[0])
             raise table.refuse(
-                first + int(others[0]),
-                f"column {name!r}: {values[others[0]]} was expected to be {values[0]}, as in the other rows "
+                first + other,
+                f"column {name!r}: {values[other]} was expected to be {values[0]}, as in the other rows "
                 "of the trial",
             )
 
@@ -165,14 +167,18 @@ def _phases(
     stretches: dict[Phase, Stretch] = {}
     begins_s = start_s
     for phase in dict.fromkeys(names):
-        rows = first + np.flatnonzero(np.array(names) == phase)
+        is_phase = np.array(names) == phase
+        rows = first + np.flatnonzero(is_phase)
         times = table.numbers["t"][rows]
         back = np.flatnonzero(np.diff(times) <= 0.0)
         if len(back):
+            before = int(back[0])
+            after = before + 1
+            number = table.numbers["trial"][first]
             raise table.refuse(
-                int(rows[back[0] + 1]),
-                f"column 't' must increase within {phase} of trial {table.numbers['trial'][first]:.0f}, got "
-                f"{times[back[0] + 1]:g} after {times[back[0]]:g}",
+                int(rows[after]),
+                f"column 't' must increase within {phase} of trial {number:.0f}, got "
+                f"{times[after]:g} after {times[before]:g}",
             )
         if times[0] < 0.0:
             raise table.refuse(

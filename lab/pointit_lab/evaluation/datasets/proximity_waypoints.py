@@ -79,15 +79,12 @@ def _add(folder: Path, path: Path, entry: Entry, reading: TrialReading) -> None:
             )
     rays = np.column_stack([floor_m[fresh], np.full(len(t_s), -eyes_m)])
     lengths_m = np.linalg.norm(rays, axis=1)
+    directions = rays / lengths_m[:, None]
+    origins_m = np.tile([0.0, 0.0, eyes_m], (len(t_s), 1))
     following = FollowRecording(
         set=NAME,
         subject=text_of(folder, entry, "subject"),
-        pointings=Pointings(
-            t_s - t_s[0],
-            np.tile([0.0, 0.0, eyes_m], (len(t_s), 1)),
-            rays / lengths_m[:, None],
-            robots_m[fresh],
-        ),
+        pointings=Pointings(t_s - t_s[0], origins_m, directions, robots_m[fresh]),
         heads_m=heads_m,
         eye_height_m=eyes_m,
         yaw_rad=yaw_of(folder, entry),

@@ -117,10 +117,12 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
     statures_m = table.numbers["stature"]
     strange = np.flatnonzero((statures_m < STATURES_M[0]) | (statures_m > STATURES_M[1]))
     if len(strange):
+        row = int(strange[0])
+        least_m, most_m = STATURES_M
         raise table.refuse(
-            int(strange[0]),
-            f"column 'stature': metres were expected, got {statures_m[strange[0]]:g}; give "
-            f"{STATURES_M[0]:g} to {STATURES_M[1]:g}",
+            row,
+            f"column 'stature': metres were expected, got {statures_m[row]:g}; give "
+            f"{least_m:g} to {most_m:g}",
         )
     body = scaled_body(float(np.median(statures_m)))
 
@@ -130,20 +132,23 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
     lengths_m = np.linalg.norm(forearms, axis=1)
     strange = np.flatnonzero((lengths_m < FOREARMS_M[0]) | (lengths_m > FOREARMS_M[1]))
     if len(strange):
+        row = int(strange[0])
+        least_m, most_m = FOREARMS_M
         raise table.refuse(
-            int(strange[0]),
-            f"columns 'hand_…', 'forearm_…': they are {lengths_m[strange[0]]:g} m apart, and "
-            f"{FOREARMS_M[0]:g} to {FOREARMS_M[1]:g} m were expected; are they in metres?",
+            row,
+            f"columns 'hand_…', 'forearm_…': they are {lengths_m[row]:g} m apart, and "
+            f"{least_m:g} to {most_m:g} m were expected; are they in metres?",
         )
-    origins_m, directions = eye_finger_rays((along(row) for row in forearms.tolist()), body)
+    origins_m, directions = eye_finger_rays(map(along, forearms.tolist()), body)
 
     # the mean error sideways is that of the yaw in which people point
     targets_m = table.vectors(*_TARGET)
     heads_m = table.vectors("hmd_x", "hmd_y")
+    floor_m = np.zeros(len(table))
     check_reach(
         table.path,
         targets_m,
-        np.column_stack([heads_m, np.zeros(len(table))]),
+        np.column_stack([heads_m, floor_m]),
         "target ('target_x', …) and head ('hmd_x', …)",
         table.lines,
     )
@@ -182,18 +187,18 @@ def _add(acts: RecordedActs, count: int, subsets: int, reading: TrialReading) ->
         head = acts.heads_m[chosen].mean(axis=0)
         yaw_rad = float(random.uniform(-math.pi, math.pi))
         origin_m = random.uniform(-ROOM_M, ROOM_M, 2)
-        reading.trials.append(
-            LocalizationTrial(
-                set=NAME,
-                subject=acts.subject,
-                condition=f"{count} targets",
-                pointings=_holds(acts, chosen, yaw_rad, origin_m),
-                eye_height_m=acts.eye_height_m,
-                x_m=float(head[0] - origin_m[0]),
-                y_m=float(head[1] - origin_m[1]),
-                yaw_rad=math.remainder(yaw_rad - acts.lean_rad, math.tau),
-            )
+        place_m = head - origin_m
+        trial = LocalizationTrial(
+            set=NAME,
+            subject=acts.subject,
+            condition=f"{count} targets",
+            pointings=_holds(acts, chosen, yaw_rad, origin_m),
+            eye_height_m=acts.eye_height_m,
+            x_m=float(place_m[0]),
+            y_m=float(place_m[1]),
+            yaw_rad=math.remainder(yaw_rad - acts.lean_rad, math.tau),
         )
+        reading.trials.append(trial)
 
 
 def _holds(acts: RecordedActs, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
@@ -201,10 +206,9 @@ def _holds(acts: RecordedActs, chosen: Sequence[int], yaw_rad: float, origin_m: 
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
     rows = np.repeat(chosen, HOLD_RAYS)
+    stamps_s = starts_s[:, None] + within_s
     turn = Rotation.from_rotvec([0.0, 0.0, -yaw_rad])
-    return Pointings(
-        (starts_s[:, None] + within_s).reshape(-1),
-        turn.apply(acts.origins_m[rows]),
-        turn.apply(acts.directions[rows]),
-        acts.targets_m[rows] - np.append(origin_m, 0.0),
-    )
+    origins_m = turn.apply(acts.origins_m[rows])
+    directions = turn.apply(acts.directions[rows])
+    targets_m = acts.targets_m[rows] - np.append(origin_m, 0.0)
+    return Pointings(stamps_s.reshape(-1), origins_m, directions, targets_m)

@@ -87,7 +87,8 @@ def with_arms(trial: LocalizationTrial, arms: Array) -> LocalizationTrial:
     body = _body(trial)
     reach = (body.shoulder_to_wrist_m + body.wrist_to_finger_m) * arms
     reach[:, 2] -= body.neck_to_eyes_m
-    return _turned(trial, reach / np.linalg.norm(reach, axis=1)[:, None])
+    lengths_m = np.linalg.norm(reach, axis=1)
+    return _turned(trial, reach / lengths_m[:, None])
 
 
 def _turned(trial: LocalizationTrial, directions: Array) -> LocalizationTrial:
@@ -164,10 +165,13 @@ def across(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTr
     """Mount the sensor across the arm: its pitch is the arm's roll."""
     arms = arm_directions(trial)
     level = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), 1e-6)
-    left = np.stack([-arms[:, 1] / level, arms[:, 0] / level, np.zeros(len(arms))], axis=1)
+    left_x = -arms[:, 1] / level
+    left_y = arms[:, 0] / level
+    left = np.stack([left_x, left_y, np.zeros(len(arms))], axis=1)
     roll_rad = _roll_rad(trial.pointings.stamps_s, rng)[:, None]
     sideways = np.cos(roll_rad) * left + np.sin(roll_rad) * np.cross(arms, left)
-    return with_arms(trial, float(rng.choice([-1.0, 1.0])) * sideways)
+    side = float(rng.choice([-1.0, 1.0]))
+    return with_arms(trial, side * sideways)
 
 
 def backwards(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
@@ -179,8 +183,10 @@ def backwards(trial: LocalizationTrial, rng: np.random.Generator) -> Localizatio
 def _roll_rad(stamps_s: Array, rng: np.random.Generator) -> Array:
     """Return the roll of an arm (n) that a person keeps about, but not quite."""
     knots_s = np.arange(stamps_s[0], stamps_s[-1] + 2.0 * KNOT_S, KNOT_S)
-    wander = np.interp(stamps_s, knots_s, rng.normal(0.0, ROLLING_RAD, len(knots_s)))
-    return np.asarray(float(rng.normal(0.0, ROLL_RAD)) + wander, dtype=np.float64)
+    knots_rad = rng.normal(0.0, ROLLING_RAD, len(knots_s))
+    wander = np.interp(stamps_s, knots_s, knots_rad)
+    mean_rad = float(rng.normal(0.0, ROLL_RAD))
+    return np.asarray(mean_rad + wander, dtype=np.float64)
 
 
 INJECTIONS = (

@@ -155,6 +155,8 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
     # the share p of which n trials show none with probability 5 %: (1 - p)^n = 0.05
     units = {verdict.unit or verdict.subject for verdict in taken}
     independent = len(units)
+    without_one = _without_one(taken, lambda verdict: verdict.in_place)
+    wrong_without_one = _without_one(taken, lambda verdict: verdict.is_wrong)
     provable = None
     if independent:
         provable = 1.0 - 0.05 ** (1.0 / independent)
@@ -164,6 +166,8 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
     misses_m = _known(verdict.miss_m for verdict in taken)
     stated_misses_m = _known(verdict.miss_sigma_m for verdict in taken)
     right_shares = _known(verdict.right for verdict in taken)
+    places = [verdict.in_place for verdict in taken]
+    squares = [verdict.square for verdict in taken]
     return HonestyRow(
         set=name,
         condition=condition,
@@ -171,9 +175,9 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         n=len(group),
         taken=len(taken) / len(group),
         error_m=MetricSpread.of(verdict.error_m for verdict in taken),
-        within_2_sigma=_mean([verdict.in_place for verdict in taken]),
+        within_2_sigma=_mean(places),
         yaw_within_2_sigma=_mean(yaws),
-        square=_median([verdict.square for verdict in taken]),
+        square=_median(squares),
         wrong=wrong,
         far=far,
         miss_m=_median(misses_m),
@@ -181,8 +185,8 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         right=_mean(right_shares),
         independent=independent,
         provable=provable,
-        without_one=_without_one(taken, lambda verdict: verdict.in_place),
-        wrong_without_one=_without_one(taken, lambda verdict: verdict.is_wrong),
+        without_one=without_one,
+        wrong_without_one=wrong_without_one,
     )
 
 

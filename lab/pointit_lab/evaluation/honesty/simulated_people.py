@@ -97,15 +97,20 @@ class SimulatedFollower:
     def drawn(cls, rng: np.random.Generator) -> "SimulatedFollower":
         """Return a person within 1 m of the origin (per axis), who faces anywhere."""
         x_m, y_m = rng.uniform(-1.0, 1.0, 2)
+        yaw_rad = float(rng.uniform(-math.pi, math.pi))
+        aim_deg = float(rng.normal(0.0, 5.0))
+        bias_deg = float(rng.normal(-2.8, 2.8))
+        lag_s = float(rng.uniform(0.1, 0.25))
+        wander_deg = float(rng.uniform(1.0, 3.0))
         return cls(
             x_m=float(x_m),
             y_m=float(y_m),
-            yaw_rad=float(rng.uniform(-math.pi, math.pi)),
+            yaw_rad=yaw_rad,
             eyes_m=1.64,
-            aim_rad=math.radians(float(rng.normal(0.0, 5.0))),
-            bias_rad=math.radians(float(rng.normal(-2.8, 2.8))),
-            lag_s=float(rng.uniform(0.1, 0.25)),
-            wander_rad=math.radians(float(rng.uniform(1.0, 3.0))),
+            aim_rad=math.radians(aim_deg),
+            bias_rad=math.radians(bias_deg),
+            lag_s=lag_s,
+            wander_rad=math.radians(wander_deg),
         )
 
     def directions(self, course: Course, times_s: Array, rng: np.random.Generator) -> Array:
@@ -129,7 +134,9 @@ class SimulatedFollower:
         azimuths += wander[:, 0] / np.cos(elevations) - self.yaw_rad
         elevations += wander[:, 1]
         flat = np.cos(elevations)
-        return np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), np.sin(elevations)], axis=1)
+        x = flat * np.cos(azimuths)
+        y = flat * np.sin(azimuths)
+        return np.stack([x, y, np.sin(elevations)], axis=1)
 
     def _wander(self, times_s: Array, rng: np.random.Generator) -> Array:
         """Return errors (n x 2, rad) of an arm that follows: a first-order autoregression."""
@@ -159,21 +166,23 @@ def rooms(seeds: Iterable[int]) -> list[LocalizationTrial]:
 
 def _person(rng: np.random.Generator) -> SimulatedFollower:
     exaggerates = float(rng.random()) < EXAGGERATING
-    return replace(
-        SimulatedFollower.drawn(rng),
-        elevation_slope=float(rng.uniform(*ELEVATION_SLOPES)),
-        azimuth_slope=float(rng.uniform(*AZIMUTH_SLOPES)) if exaggerates else 0.0,
-    )
+    follower = SimulatedFollower.drawn(rng)
+    elevation_slope = float(rng.uniform(*ELEVATION_SLOPES))
+    azimuth_slope = 0.0
+    if exaggerates:
+        azimuth_slope = float(rng.uniform(*AZIMUTH_SLOPES))
+    return replace(follower, elevation_slope=elevation_slope, azimuth_slope=azimuth_slope)
 
 
 def _body(follower: SimulatedFollower, rng: np.random.Generator) -> SimulatedFollower:
     """Return the eyes of `follower`, where they really are."""
     x_m, y_m = rng.normal(0.0, BODY_SIGMA_M, 2)
+    height_m = float(rng.normal(0.0, HEIGHT_SIGMA_M))
     return replace(
         follower,
         x_m=follower.x_m + float(x_m),
         y_m=follower.y_m + float(y_m),
-        eyes_m=follower.eyes_m + float(rng.normal(0.0, HEIGHT_SIGMA_M)),
+        eyes_m=follower.eyes_m + height_m,
     )
 
 
@@ -186,13 +195,13 @@ def _follower(seed: int) -> FollowRecording:
     counts = times_s >= REACH_S
     times_s = times_s[counts]
     directions = directions[counts]
+    origins_m = _origins(follower, len(times_s))
+    head_m = [follower.x_m, follower.y_m, follower.eyes_m]
     return FollowRecording(
         set=SET,
         subject=f"seed {seed}",
-        pointings=Pointings(
-            times_s - times_s[0], _origins(follower, len(times_s)), directions, course(times_s)
-        ),
-        heads_m=np.tile([follower.x_m, follower.y_m, follower.eyes_m], (len(times_s), 1)),
+        pointings=Pointings(times_s - times_s[0], origins_m, directions, course(times_s)),
+        heads_m=np.tile(head_m, (len(times_s), 1)),
         eye_height_m=follower.eyes_m,
         yaw_rad=_yaw_rad(follower),
         name=f"seed {seed}",
@@ -280,7 +289,9 @@ def vector_rows(azimuths: Array, elevations: Array) -> Array:
 def _lamps(rng: np.random.Generator) -> Array:
     """Return the lamps (n x 3) on three walls, those in front at the same x."""
     heights_m = rng.uniform(0.0, 2.2, FRONT_LAMPS + 2 * SIDE_LAMPS)
-    front = np.stack([np.full(FRONT_LAMPS, WALL_M), rng.uniform(-2.0, 2.0, FRONT_LAMPS)], axis=1)
+    front_x_m = np.full(FRONT_LAMPS, WALL_M)
+    front_y_m = rng.uniform(-2.0, 2.0, FRONT_LAMPS)
+    front = np.stack([front_x_m, front_y_m], axis=1)
     along_m = rng.uniform(0.0, 2.5, 2 * SIDE_LAMPS)
     side = np.stack([along_m, np.repeat([WALL_M, -WALL_M], SIDE_LAMPS)], axis=1)
     return np.column_stack([np.concatenate([front, side]), heights_m])

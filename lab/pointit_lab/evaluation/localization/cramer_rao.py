@@ -158,8 +158,9 @@ def _linearized(trial: LocalizationTrial) -> _Linearized:
     gradients = np.zeros((2, len(away), 3))  # of azimuth and elevation, by the target's place
     gradients[0, :, 0] = -away[:, 1] / level_m**2
     gradients[0, :, 1] = away[:, 0] / level_m**2
-    gradients[1, :, 0] = -away[:, 2] * away[:, 0] / (level_m * square)
-    gradients[1, :, 1] = -away[:, 2] * away[:, 1] / (level_m * square)
+    divisor = level_m * square
+    gradients[1, :, 0] = -away[:, 2] * away[:, 0] / divisor
+    gradients[1, :, 1] = -away[:, 2] * away[:, 1] / divisor
     gradients[1, :, 2] = level_m / square
     slopes = np.zeros((2, len(away), COLUMNS))
     slopes[:, :, :2] = -gradients[:, :, :2]

@@ -74,17 +74,22 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
             reference_logs = medians.get((condition, reference, unit), {})
         both = [person for person in logs if person in reference_logs]
         differences = [logs[person] - reference_logs[person] for person in both]
-        is_compared = len(differences) >= MIN_PEOPLE
+        ratio = None
+        without_one = None
+        if len(differences) >= MIN_PEOPLE:
+            ratio = _interval(differences)
+            without_one = _without_one(differences)
+        person_logs = list(logs.values())
         over_people.append(
             OverPeople(
                 condition=condition,
                 solver=solver,
                 people=len(logs),
                 unit=unit,
-                error=_interval(list(logs.values())),
-                error_without_one=_without_one(list(logs.values())),
-                ratio=_interval(differences) if is_compared else None,
-                without_one=_without_one(differences) if is_compared else None,
+                error=_interval(person_logs),
+                error_without_one=_without_one(person_logs),
+                ratio=ratio,
+                without_one=without_one,
             )
         )
     return over_people

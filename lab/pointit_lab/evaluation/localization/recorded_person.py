@@ -158,7 +158,9 @@ class PersonInSession:
         # repeated samples are old; the truth has gaps
         is_new = np.any(np.diff(rays, axis=0) != 0.0, axis=1)
         fresh = np.append(True, is_new)
-        known = fresh & np.isfinite(targets).all(axis=1) & np.isfinite(heads).all(axis=1)
+        has_target = np.isfinite(targets).all(axis=1)
+        has_head = np.isfinite(heads).all(axis=1)
+        known = fresh & has_target & has_head
         if np.count_nonzero(known) < 2:
             return
         times_ns = times_ns[known]
@@ -185,19 +187,19 @@ class PersonInSession:
             lamps_m += [lamp_m] * len(hold.rays)
         places = np.array(lamps_m, dtype=np.float64)
         times_ns = np.array([ray.stamp_ns for ray in rays], dtype=np.int64)
+        # one gap in the truth leaves the whole trial without one
         heads = self.truth.at(times_ns)
         if not np.isfinite(heads).all():
             return
-        pointings = Pointings(
-            (times_ns - times_ns[0]) / NS_PER_S,
-            unfiltered_rays.origins(rays),
-            unfiltered_rays.directions(rays),
-            places,
-        )
+        stamps_s = (times_ns - times_ns[0]) / NS_PER_S
+        origins_m = unfiltered_rays.origins(rays)
+        directions = unfiltered_rays.directions(rays)
+        pointings = Pointings(stamps_s, origins_m, directions, places)
+        lamps = len(np.unique(places, axis=0))
         yield LocalizationTrial(
             set=SET,
             subject=self.user,
-            condition=f"{len(np.unique(places, axis=0))} lamps",
+            condition=f"{lamps} lamps",
             pointings=pointings,
             eye_height_m=float(pointings.origins_m[:, 2].mean()),
             x_m=float(heads[:, 0].mean()),

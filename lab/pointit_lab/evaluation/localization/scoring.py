@@ -113,13 +113,14 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
 
     until_s = float(np.median([length_s for length_s, _ in first_taken]))
     errors_m = [taken_m for _, taken_m in first_taken if math.isfinite(taken_m)]
+    share_taken = len(errors_m) / len(first_taken)
     yield Row(
         set=name,
         subject=subject,
         condition=UNTIL,
         solver=solver,
         n=len(first_taken),
-        taken=len(errors_m) / len(first_taken),
+        taken=share_taken,
         taken_m=MetricSpread.of(errors_m),
         until_taken_s=until_s if math.isfinite(until_s) else None,
     )

@@ -86,16 +86,17 @@ class FollowRecording:
                 if end - begin < 2:
                     continue
                 head = self.heads_m[part].mean(axis=0)
+                window = Pointings(
+                    stamps_s[part],
+                    self.pointings.origins_m[part],
+                    self.pointings.directions[part],
+                    self.pointings.targets_m[part],
+                )
                 yield LocalizationTrial(
                     set=self.set,
                     subject=self.subject,
                     condition=f"{length_s:g} s",
-                    pointings=Pointings(
-                        stamps_s[part],
-                        self.pointings.origins_m[part],
-                        self.pointings.directions[part],
-                        self.pointings.targets_m[part],
-                    ),
+                    pointings=window,
                     eye_height_m=self.eye_height_m,
                     x_m=float(head[0]),
                     y_m=float(head[1]),
@@ -135,8 +136,8 @@ class TrialReading:
         self.trials.extend(following.trials())
         if len(self.trials) == before:
             length_s = float(following.pointings.stamps_s[-1])
+            samples = len(following.pointings)
             self.skip(
                 path,
-                f"its {len(following.pointings)} different samples within {length_s:g} s fill no window of "
-                f"{min(WINDOWS_S)} s",
+                f"its {samples} different samples within {length_s:g} s fill no window of {min(WINDOWS_S)} s",
             )

@@ -151,6 +151,7 @@ def _solver_rows(
             if estimate.sigma_rad is not None:
                 total_sigma_rad = math.hypot(estimate.sigma_rad, sigma_rad)
                 within.append(abs(error_rad) <= 2.0 * total_sigma_rad)
+        yaw_within_2_sigma = float(np.mean(within)) if within else None
         rows.append(
             Row(
                 set=proximity_feedback.NAME,
@@ -158,8 +159,8 @@ def _solver_rows(
                 condition=condition,
                 solver=solver,
                 n=len(own_errors_rad),
-                yaw_deg=MetricSpread.of(math.degrees(error_rad) for error_rad in own_errors_rad),
-                yaw_within_2_sigma=float(np.mean(within)) if within else None,
+                yaw_deg=MetricSpread.of(map(math.degrees, own_errors_rad)),
+                yaw_within_2_sigma=yaw_within_2_sigma,
                 times_plain=times_plain if subject == ALL else None,
             )
         )

@@ -87,7 +87,8 @@ class DriftingPerson:
         self._ways = person_model
         rng = self._rng
         steps = math.ceil(length_s / STEP_S) + 1
-        walk = rng.normal(0.0, person_model.rate_walk_radps * math.sqrt(STEP_S), steps)
+        walk_sigma_radps = person_model.rate_walk_radps * math.sqrt(STEP_S)
+        walk = rng.normal(0.0, walk_sigma_radps, steps)
         rates = rng.normal(0.0, person_model.rate_sigma_radps) + np.cumsum(walk)
         self._times = np.arange(steps + 1) * STEP_S
         self._drifts = np.append(0.0, np.cumsum(rates) * STEP_S)
@@ -135,7 +136,9 @@ class DriftingPerson:
         around = rng.uniform(-math.pi, math.pi)
         away = rng.uniform(1.5, 4.0)
         high = rng.uniform(0.0, 1.2)
-        target = (self.x_m + away * math.cos(around), self.y_m + away * math.sin(around), high)
+        x_m = self.x_m + away * math.cos(around)
+        y_m = self.y_m + away * math.sin(around)
+        target = (x_m, y_m, high)
         azimuth = around + rng.normal(0.0, person_model.azimuth_sigma_rad) + beside_rad
         if rng.random() < person_model.bent_arm_share:
             bend_rad = rng.uniform(*person_model.bent_arm_rad)
@@ -226,14 +229,15 @@ def _solver_row(condition: str, solver: str, outcomes: Sequence[Outcome]) -> Row
         names = [str(seed) for seed in range(len(outcomes))]
         plain_errors_rad = [person_outcome[PLAIN][0] for person_outcome in outcomes]
         times_plain = ratios(names, errors_rad, plain_errors_rad)
+    yaw_within_2_sigma = float(np.mean(within)) if within else None
     return Row(
         set=NAME,
         subject=ALL,
         condition=condition,
         solver=solver,
         n=len(outcomes),
-        yaw_deg=MetricSpread.of(math.degrees(error_rad) for error_rad in errors_rad),
-        yaw_within_2_sigma=float(np.mean(within)) if within else None,
+        yaw_deg=MetricSpread.of(map(math.degrees, errors_rad)),
+        yaw_within_2_sigma=yaw_within_2_sigma,
         times_plain=times_plain,
     )
 
@@ -285,13 +289,17 @@ def outcome(
     rate = math.remainder(last - first, math.tau) / (last_s - first_s)
     extrapolated = last + rate * (LEARNING_S - last_s)
     truth = person.yaw_rad(LEARNING_S)
-    return {
-        "raw": (_wrap(first - truth), None),
-        "re-anchored": (_wrap(last - truth), None),
-        "re-anchored, constant rate": (_wrap(extrapolated - truth), None),
-        "pointit": (_wrap(pose.yaw_rad - truth), pose.yaw_sigma_rad),
-        "pointit, rests": (_wrap(rested_pose.yaw_rad - truth), rested_pose.yaw_sigma_rad),
+    yaws: Outcome = {
+        "raw": (first, None),
+        "re-anchored": (last, None),
+        "re-anchored, constant rate": (extrapolated, None),
+        "pointit": (pose.yaw_rad, pose.yaw_sigma_rad),
+        "pointit, rests": (rested_pose.yaw_rad, rested_pose.yaw_sigma_rad),
     }
+    errors: Outcome = {}
+    for solver, (yaw_rad, sigma_rad) in yaws.items():
+        errors[solver] = (_wrap(yaw_rad - truth), sigma_rad)
+    return errors
 
 
 def bound_rad(person_model: DriftPersonModel, anchors_s: Sequence[float]) -> float:

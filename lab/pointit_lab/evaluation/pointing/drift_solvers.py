@@ -112,14 +112,16 @@ def filtered(
         stamp_ns=round(first.at_s * NS_PER_S),
     )
     drift = DriftFilter(fix, settings)
+    eyes_m = (0.0, 0.0, EYE_M)
 
     # what is known before the hold to predict: its own rest is not
     for number, hold in enumerate(holds.holds[:known_holds]):
         if number in anchors[1:]:
+            at_ns = round(hold.at_s * NS_PER_S)
             drift.update_anchor(
-                round(hold.at_s * NS_PER_S),
+                at_ns,
                 hold.target_m,
-                (0.0, 0.0, EYE_M),
+                eyes_m,
                 hold.direction_h,
                 spread_rad=hold.spread_rad,
             )

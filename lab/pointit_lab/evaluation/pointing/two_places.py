@@ -55,7 +55,9 @@ def angles(lamps_m: Array, eyes_m: Sequence[float]) -> Array:
     """Return azimuth and elevation of each lamp, n x 2."""
     sights = lamps_m - np.array(eyes_m)
     level = np.hypot(sights[:, 0], sights[:, 1])
-    return np.stack([np.arctan2(sights[:, 1], sights[:, 0]), np.arctan2(sights[:, 2], level)], axis=1)
+    azimuths = np.arctan2(sights[:, 1], sights[:, 0])
+    elevations = np.arctan2(sights[:, 2], level)
+    return np.stack([azimuths, elevations], axis=1)
 
 
 def room_of_lamps(rng: np.random.Generator) -> Array:
@@ -92,11 +94,14 @@ def run(seed: int, skill: float | None) -> Result:
     for place, place_m in ((FIRST, (0.0, 0.0)), (SECOND, second_m)):
         seen = angles(lamps_m, (*place_m, eyes_m))
         for index, lamp in enumerate(seen.tolist()):
-            error.draw(float(np.hypot(*(seen[index] - seen[index - 1]))))
+            amplitude = np.hypot(*(seen[index] - seen[index - 1]))
+            error.draw(float(amplitude))
             azimuth = lamp[0] + error.now_rad[0] + drift_radps * time_s
             elevation = lamp[1] + error.now_rad[1]
             level = math.cos(elevation)
-            direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
+            x = level * math.cos(azimuth)
+            y = level * math.sin(azimuth)
+            direction = (x, y, math.sin(elevation))
             rays.append(paced_ray(str(index), place, (0.0, 0.0, EYES_M), direction))
             time_s += SECONDS_A_PRESS
         time_s += WALK_S
@@ -116,9 +121,13 @@ def judged(  # noqa: PLR0917 - the truth, and what is known of it
     mapped_m = np.array([room.targets[str(index)].position_m for index in range(len(lamps_m))])
     mapped_second_m = np.array(room.places_m[1])
     for share in (0.0, 1.0, 0.5):
-        seen = angles(lamps_m, (share * second_m[0], share * second_m[1], eyes_m))
+        x_m = share * second_m[0]
+        y_m = share * second_m[1]
+        seen = angles(lamps_m, (x_m, y_m, eyes_m))
         mapped = angles(mapped_m, (*(share * mapped_second_m), EYES_M))
-        off = mapped - seen - np.array([0.0, error.bias_rad])  # people point with their bias later, too
+        # people point with their bias later, too
+        bias = np.array([0.0, error.bias_rad])
+        off = mapped - seen - bias
         off[:, 0] = np.remainder(off[:, 0] + math.pi, math.tau) - math.pi
         heading = float(np.median(off[:, 0]))  # found again by pointing at a lamp
         off[:, 0] -= heading
@@ -134,7 +143,8 @@ def _select(
 ) -> None:
     """Select each lamp: the person presses when they hear or see that theirs is meant."""
     for index, lamp in enumerate(seen):
-        error.draw(float(np.hypot(*(lamp - seen[index - 1]))))
+        amplitude = np.hypot(*(lamp - seen[index - 1]))
+        error.draw(float(amplitude))
         aim = lamp + np.array(error.now_rad)
         result.tries += 1
         for _ in range(MAX_CORRECTIONS + 1):

@@ -223,7 +223,8 @@ def _rows(
             continue
         # spreadsheets append empty cells
         surplus = row[len(header) :]
-        if len(row) < len(header) or any(map(str.strip, surplus)):
+        is_cut_off = len(row) < len(header)
+        if is_cut_off or any(map(str.strip, surplus)):
             raise ConfigError(
                 f"{path}, line {line}: {len(header)} cells were expected, as in the header, got {len(row)}; "
                 "is the line cut off, or are there decimal commas?"

@@ -73,11 +73,12 @@ class Carousel:
         line = self._lines[strip]
         x, y, z = line.tangent_at(position_m)
         speed_mps = self._speed_mps
+        velocity_mps = (speed_mps * x, speed_mps * y, speed_mps * z)
         return TrackedObject(
             id=f"package-{index + 1}",
             kind=self._kinds[index],
             position_m=line.point_at(position_m),
-            velocity_mps=(speed_mps * x, speed_mps * y, speed_mps * z),
+            velocity_mps=velocity_mps,
             length_m=self._length_m,
             surface="strip",
             surface_id=self._ids[strip],

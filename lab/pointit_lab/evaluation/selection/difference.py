@@ -81,7 +81,8 @@ def differences_of(groups: Groups) -> list[Difference]:
     by_condition: dict[Condition, dict[str, Sequence[Score]]] = {}
     for (condition, method), scores in groups.items():
         if len(scores) >= FEWEST:
-            by_condition.setdefault(condition, {})[method] = scores
+            scores_by_method = by_condition.setdefault(condition, {})
+            scores_by_method[method] = scores
     pairs: list[tuple[Condition, tuple[str, str]]] = []
     for condition, scores_by_method in by_condition.items():
         for pair in combinations(scores_by_method, 2):
@@ -147,6 +148,8 @@ def _differences(weights: NDArray[np.integer] | Array, mine: Array, others: Arra
     b = weights @ others
     # a resample may have no time at all
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = a[:, 0] / a[:, 1] - b[:, 0] / b[:, 1]
-        times_s = a[:, 2] / a[:, 3] - b[:, 2] / b[:, 3]
-        return np.stack([errors, times_s], axis=1)
+        own_errors = a[:, 0] / a[:, 1]
+        own_times_s = a[:, 2] / a[:, 3]
+        other_errors = b[:, 0] / b[:, 1]
+        other_times_s = b[:, 2] / b[:, 3]
+        return np.stack([own_errors - other_errors, own_times_s - other_times_s], axis=1)

@@ -175,21 +175,21 @@ flattens with practice); the rate of lapses is 0.04 (1 - skill), 1.2 % of choice
 
 def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = PRACTISED) -> TrialPerson:
     """Return a person at `position_m` who selects packages of `target_kind`."""
-    return TrialPerson(
-        name=f"person-{index + 1}",
-        config=UserSimConfig(
-            position_m=position_m,
-            yaw_deg=YAW_DEG,
-            target_kinds=(target_kind,),
-            think_s=0.0,
-            aim=AimConfig(skill=model.skill),
-            mind=DecisionConfig(
-                search_per_item_s=model.search_per_item_s,
-                decide_per_bit_s=model.decide_per_bit_s,
-                lapse_share=model.lapse_share,
-            ),
-        ),
-        profile=UserProfile(
-            stamp_ns=0, cursor_color=COLORS[index % len(COLORS)], pattern=PATTERNS[index % len(PATTERNS)]
-        ),
+    mind = DecisionConfig(
+        search_per_item_s=model.search_per_item_s,
+        decide_per_bit_s=model.decide_per_bit_s,
+        lapse_share=model.lapse_share,
     )
+    config = UserSimConfig(
+        position_m=position_m,
+        yaw_deg=YAW_DEG,
+        target_kinds=(target_kind,),
+        think_s=0.0,
+        aim=AimConfig(skill=model.skill),
+        mind=mind,
+    )
+    # cursors of several people differ
+    color = COLORS[index % len(COLORS)]
+    pattern = PATTERNS[index % len(PATTERNS)]
+    profile = UserProfile(stamp_ns=0, cursor_color=color, pattern=pattern)
+    return TrialPerson(name=f"person-{index + 1}", config=config, profile=profile)

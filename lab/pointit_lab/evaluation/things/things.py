@@ -190,16 +190,21 @@ class ThingRow:
         return Environment(stamp_ns=0, name=self.name, things=tuple(things))
 
 
-_LARGE = ThingRow(
-    name=".4 m boxes .7 m apart, 2.6 m away, light", count=4, size_m=0.4, apart_m=0.7, away_m=2.6
-)
-_LARGE_UNLIT = replace(_LARGE, name=".4 m boxes .7 m apart, 2.6 m away, no light", lit=False)
-_SMALL = ThingRow(
-    name=".15 m boxes .2 m apart, 1.5 m away, light", count=5, size_m=0.15, apart_m=0.2, away_m=1.5
-)
-_SMALL_UNLIT = replace(_SMALL, name=".15 m boxes .2 m apart, 1.5 m away, no light", lit=False)
-_CALIBRATED = replace(_LARGE_UNLIT, name=f"{_LARGE_UNLIT.name}, offset calibrated", bias_deg=0.0)
-ROWS = (_LARGE, _LARGE_UNLIT, _SMALL, _SMALL_UNLIT, _CALIBRATED)
+def _rows() -> tuple[ThingRow, ...]:
+    """Return large boxes and small ones, each with and without light, and people who are calibrated."""
+    large = ThingRow(
+        name=".4 m boxes .7 m apart, 2.6 m away, light", count=4, size_m=0.4, apart_m=0.7, away_m=2.6
+    )
+    small = ThingRow(
+        name=".15 m boxes .2 m apart, 1.5 m away, light", count=5, size_m=0.15, apart_m=0.2, away_m=1.5
+    )
+    large_unlit = replace(large, name=".4 m boxes .7 m apart, 2.6 m away, no light", lit=False)
+    small_unlit = replace(small, name=".15 m boxes .2 m apart, 1.5 m away, no light", lit=False)
+    calibrated = replace(large_unlit, name=f"{large_unlit.name}, offset calibrated", bias_deg=0.0)
+    return large, large_unlit, small, small_unlit, calibrated
+
+
+ROWS = _rows()
 
 
 @dataclass(frozen=True)

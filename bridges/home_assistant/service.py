@@ -343,6 +343,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     async def switch(self, thing: Thing, action: HomeAction, act: Act) -> None:
         """Run the action of a thing, and wait until its entity is as wanted. Raises ActFailedError."""
+        if self._setup is not None and not act.event.takes_back:
+            refusal = self._setup.refusal(act.event.user)
+            if refusal:
+                raise ActFailedError("refused", refusal)
         reported = self.state_of(action)
         entity = action.entity
         if reported.state == UNAVAILABLE:

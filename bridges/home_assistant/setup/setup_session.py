@@ -19,6 +19,8 @@ from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
 from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
 from pointit.bridges.home_assistant.setup.progress import ChosenLamp, End, SetupProgress
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
 from pointit.maps.file import parse_map_file
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
@@ -45,6 +47,8 @@ PRESS_RAYS_S = 0.5
 MIN_RAYS = 3
 MIN_PAUSE_S = 0.4
 """Time between two presses that count, s."""
+AWAY_RAD = math.radians(12.0)
+"""Angle from the direction of the last press from which a person points elsewhere."""
 ENTITIES_PERIOD_S = 5.0
 """Interval at which the list of all entities is read again while a card shows it, s."""
 MAX_SENTENCE = 500
@@ -92,6 +96,8 @@ class SetupSession:
         # Presses, and the lamp whose turn it is
         self._rays: deque[tuple[float, PointingRay]] = deque(maxlen=100)
         self._pressed_s = -math.inf
+        self._press_direction: Vec3 | None = None
+        """Direction of the last press, {H}, until the person points elsewhere."""
         self._answered_s = -math.inf
         self._shown = ("", -math.inf)
         """Lamp that shows which one it is, and until when."""
@@ -382,6 +388,17 @@ class SetupSession:
         elevation_rad = math.atan2(z, math.hypot(x, y))
         eyes_m = rays[-1].origin_m[2]
         self.progress.press(azimuth_rad, elevation_rad, eyes_m)
+        self._press_direction = (x, y, z)
+
+    def refusal(self, user: str) -> str:
+        """Return the reason for which an act of `user` is not carried out now, or `""`.
+
+        With the last press the lamps are placed, and the person points at one of them still: they have not
+        chosen it yet.
+        """
+        if user != self.progress.state.user or self._press_direction is None:
+            return ""
+        return "you still point where you pressed: point elsewhere first, and then at it"
 
     async def _press_button(self) -> None:
         async with self._acting:
@@ -401,8 +418,12 @@ class SetupSession:
         task.add_done_callback(self._tasks.discard)
 
     def _on_ray(self, ray: PointingRay, user: str) -> None:
-        if user == self.progress.state.user:
-            self._rays.append((self._loop.time(), ray))
+        if user != self.progress.state.user:
+            return
+        self._rays.append((self._loop.time(), ray))
+        pressed = self._press_direction
+        if pressed is not None and vector.angle_between(pressed, ray.direction) > AWAY_RAD:
+            self._press_direction = None
 
     def _on_imu(self, sample: ImuSample, user: str) -> None:
         if user == self.progress.state.user:

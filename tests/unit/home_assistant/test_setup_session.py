@@ -16,7 +16,15 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, HomeSetup, PointingRay, SetUpHome
 from pointit.schemas.topics import BUTTON, RAY, SET_UP_HOME
 from tests.support.bench import Bench, memory_bench, repeated, until
-from tests.support.home_assistant import TOKEN, MemoryHome, config_of, start, token_file
+from tests.support.home_assistant import (
+    TOKEN,
+    HomeSite,
+    MemoryHome,
+    config_of,
+    start,
+    thing,
+    token_file,
+)
 
 DESK = "light.desk"
 DOOR = "light.door"
@@ -111,6 +119,47 @@ async def test_lamp_is_lit_at_its_turn_and_restored_afterwards(
 
         await asyncio.sleep(20.0)  # the page is closed
         assert (home.states[DOOR]["state"], home.states[DESK]["attributes"]["brightness"]) == ("off", 100)
+
+
+async def press(bench: Bench, azimuth_rad: float) -> None:
+    """Press while anna points in a direction."""
+    async with pointing(bench, azimuth_rad):
+        await asyncio.sleep(1.0)
+        bench.put(BUTTON, ButtonEvent(stamp_ns=bench.clock.now_ns()), "anna")
+        await asyncio.sleep(0.5)
+
+
+async def test_placed_lamp_is_not_switched_until_the_person_points_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (bench, shown):
+        await at_place(shown)
+        await press(bench, 0.3)
+        await press(bench, -0.3)
+        await shown.act("stay")
+        await shown.until("try")
+        site = HomeSite(bench, thing("desk", DESK), thing("door", DOOR))
+        await asyncio.sleep(25.0)  # the lamp of the turn is dark again
+
+        async with pointing(bench, -0.35):
+            await asyncio.sleep(0.5)
+            site.point("door")
+            await asyncio.sleep(1.0)
+        assert (
+            site.told == "refused: you still point where you pressed: point elsewhere first, and then at it"
+        )
+        assert home.states[DOOR]["state"] == "off"
+        site.point("door", user="ben")
+        await asyncio.sleep(1.0)
+        assert home.states[DOOR]["state"] == "on", "others did not press"
+
+        async with pointing(bench, 0.3):
+            await asyncio.sleep(0.5)
+            site.point("desk", on=False)
+            await asyncio.sleep(1.0)
+        assert home.states[DESK]["state"] == "off"
 
 
 async def test_lit_lamp_that_somebody_sets_is_left_as_it_is(

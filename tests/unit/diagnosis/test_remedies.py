@@ -28,6 +28,7 @@ STATED = {
     "object_id": ("agv1",),
     "there[0]": ("1",),
     "lane": ("[1]",),
+    "other_surface": ("belt", "strip"),
 }
 """Values of what varies in the arguments of `set_option`."""
 

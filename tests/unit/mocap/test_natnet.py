@@ -1,6 +1,5 @@
 """NatNet: connection, clock, names and streams that are not used; packets of others, changed and damaged."""
 
-import asyncio
 import contextlib
 import json
 import math
@@ -373,7 +372,7 @@ def test_an_independent_decoder_reads_the_same() -> None:
             assert ours.exposure_ticks == theirs.suffix.stamp_camera_mid_exposure
 
 
-def test_named_interface_joins_without_route_to_server(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_named_interface_joins_without_route_to_server(monkeypatch: pytest.MonkeyPatch) -> None:
     joined: list[str] = []
 
     def no_route(host: str) -> str:
@@ -390,9 +389,6 @@ def test_named_interface_joins_without_route_to_server(monkeypatch: pytest.Monke
     )
     info = ServerInfo("Motive", (3, 1), CLOCK_HZ, data_port=0, is_multicast=True, group="239.255.42.99")
 
-    async def open_and_close() -> None:
-        stream = await client._open_stream(info, "motive-pc")
-        stream.close()
-
-    asyncio.run(open_and_close())
+    stream = await client._open_stream(info, "motive-pc")
+    stream.close()
     assert joined == ["127.0.0.1"]

@@ -22,7 +22,7 @@ from pointit.schemas import (
     SelectionEvent,
     Step,
 )
-from pointit.study.table_file import SPOKEN, Outcome, utc
+from pointit.study.table_file import REPEATED, SPOKEN, Outcome, utc
 
 STEP_RAD = math.radians(0.5)
 """Step of the ray that counts as way: smaller ones are tremor and noise."""
@@ -54,6 +54,8 @@ class Attempt:
     """Position of the robot, or the one that was found: it stands for the cursor."""
     outcome: Outcome | None = None
     reason: str = ""
+    is_repeated: bool = False
+    """True if its trial is done again."""
     first_hover_s: float | None = None
     selection_s: float | None = None
     corrections: int = 0
@@ -213,7 +215,7 @@ class Attempt:
         if self.outcome is not None:
             return
         if now_ns - max(self._received_ns, self.began_ns) > SILENT_S * NS_PER_S:
-            self.abandon(f"repeated: no ray for {SILENT_S:g} s, the wrist is lost")
+            self.repeat(f"no ray for {SILENT_S:g} s, the wrist is lost")
         elif self._pressed_ns is not None and now_ns - self._pressed_ns > PRESS_S * NS_PER_S:
             self._finish("wrong", "pressed beside", self._pressed_ns)
         elif self._passed_s(now_ns) >= self.timeout_s:
@@ -225,6 +227,12 @@ class Attempt:
         if self.outcome is None:
             self.outcome = "skipped"
             self.reason = reason
+
+    def repeat(self, reason: str) -> None:
+        """End it without a result: its trial is done again."""
+        if self.outcome is None:
+            self.is_repeated = True
+            self.abandon(f"{REPEATED}: {reason}")
 
     def columns(self) -> dict[str, str | float | int | None]:
         """Return outcome and measures by their columns."""

@@ -24,7 +24,7 @@ from pointit.study.scenario import scenario_file, scenes_of
 from pointit.study.study_folder import StudyFolder, check_record
 from pointit.study.study_site import SiteOptions, StudySite
 from pointit.study.study_step import StudyStep
-from pointit.study.table_file import REPEATED, Row, utc
+from pointit.study.table_file import Row, utc
 from pointit.study.tasks import StudyScene, StudyTrial
 from pointit.study.view import BREAK, StudyCommand, StudyStatus, StudyView
 
@@ -208,7 +208,7 @@ class Session:
         row |= attempt.columns()
         self._table.append(row)
         self._mark("trial_end", row, "outcome", "reason")
-        self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
+        self._progress.end(is_done=not attempt.is_repeated)
         self._note(trial, attempt)
         next_trial = self._progress.current
         if stop is not None and next_trial is not None:
@@ -254,11 +254,11 @@ class Session:
                 if command.name == "skip":
                     attempt.abandon(f"skipped: {command.reason or 'by the experimenter'}")
                     continue
-                attempt.abandon(f"{REPEATED}: {command.name} by the experimenter")
+                attempt.repeat(f"{command.name} by the experimenter")
                 later = command if command.name in ("pause", "stop") else None
         except asyncio.CancelledError:  # Ctrl-C; simulated people repeat all that they did
             if not self._setup.person and attempt.outcome is None:
-                attempt.abandon(f"{REPEATED}: interrupted")
+                attempt.repeat("interrupted")
                 self._table.append({**row, **attempt.columns()})
             raise
         finally:

@@ -32,6 +32,8 @@ MAX_SHOWN_KINDS = 4
 MORE_KINDS = "other kinds"
 """Kind of the messages beyond `MAX_KINDS`."""
 
+QUOTED_BYTES = 40
+"""Number of bytes of a line that a message shows."""
 MIN_READABLE = 0.8
 """Smallest share of readable characters in text."""
 _UNREADABLE = "\ufffd"
@@ -197,12 +199,17 @@ class SensorChoice:
         return f"several sensors send in one stream ({names}), and none is used: name the wrist's by {option}"
 
 
-def quoted(data: bytes, max_bytes: int = 40) -> str:
+def is_text(data: bytes) -> bool:
+    """Return True if most characters are such that people read."""
+    letters = _decoded(data, "replace")
+    readable = sum(map(_is_readable, letters))
+    return readable >= MIN_READABLE * len(letters)
+
+
+def quoted(data: bytes, max_bytes: int = QUOTED_BYTES) -> str:
     """Return the first `max_bytes` bytes: quoted text with escaped control characters, else hexadecimal."""
     shown = data[:max_bytes]
-    letters = _decoded(shown, "replace")
-    readable = sum(map(_is_readable, letters))
-    if readable < MIN_READABLE * len(letters):
+    if not is_text(shown):
         return shown.hex(" ")
     text = _decoded(shown, "backslashreplace")
     escaped = [letter if letter.isprintable() else repr(letter)[1:-1] for letter in text]

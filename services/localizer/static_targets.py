@@ -64,8 +64,13 @@ MIN_LAMPS = 2
 """Number of lamps before a pose can be solved."""
 
 
-def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp] | Refusal:
-    """Return the lamps called `wanted`, in that order, or all if none are named; or a refusal."""
+def select_lamps(
+    room: Environment | None, wanted: tuple[str, ...], remedy: str = "correct `lamps`"
+) -> list[Lamp] | Refusal:
+    """Return the lamps called `wanted`, in that order, or all if none are named; or a refusal.
+
+    `remedy`: what to do if the map lacks one.
+    """
     if room is None:
         return Refusal("there is no map yet; start pui, which publishes it")
     lamp_of_id = {lamp.id: lamp for lamp in room.lamps}
@@ -73,7 +78,7 @@ def select_lamps(room: Environment | None, wanted: tuple[str, ...]) -> list[Lamp
     if missing:
         lamp_ids = ", ".join(lamp_of_id) or "none"
         return Refusal(
-            f"lamps {', '.join(missing)} are not on map {room.name!r}, which has {lamp_ids}; correct `lamps`"
+            f"lamps {', '.join(missing)} are not on map {room.name!r}, which has {lamp_ids}; {remedy}"
         )
     if not wanted:
         return list(lamp_of_id.values())
@@ -135,11 +140,12 @@ def _named(lamps: Sequence[Lamp]) -> str:
 
 def lamp_for_anchor(room: Environment | None, wanted: tuple[str, ...], asked: str) -> list[Lamp] | Refusal:
     """Return the lamp `asked`, or those to choose from if `""`; or a refusal."""
-    lamps = select_lamps(room, (asked,) if asked else wanted)
+    if asked:
+        lamps = select_lamps(room, (asked,), remedy="ask for one of those")
+    else:
+        lamps = select_lamps(room, wanted)
     if isinstance(lamps, Refusal):
-        if not asked:
-            return lamps
-        return Refusal(lamps.reason.replace("; correct `lamps`", "; ask for one of those"))
+        return lamps
     if not lamps:
         name = "" if room is None else room.name
         return Refusal(f"pointing at a lamp needs one, map {name!r} has none; add it to the map")

@@ -199,9 +199,7 @@ class Detection:
     def text_problem(self) -> str:
         """Return the refused last line and the reason if it is text, or `""`."""
         framer = self._candidates.get("text", self.framer)
-        if not isinstance(framer, TextFramer):
-            return ""
-        return framer.reason if framer.reason.startswith("'") else ""
+        return framer.refused_text if isinstance(framer, TextFramer) else ""
 
     @property
     def passed_over(self) -> str:

@@ -3,7 +3,14 @@
 from pointit.services.imu_bridge.serial.framers import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE, LineParser, QuaternionLine
 from pointit.services.imu_bridge.sources import Item, Press, Reading
-from pointit.services.imu_bridge.streams import ContentError, Order, SensorChoice, quoted
+from pointit.services.imu_bridge.streams import (
+    QUOTED_BYTES,
+    ContentError,
+    Order,
+    SensorChoice,
+    is_text,
+    quoted,
+)
 
 
 class LineSplitter:
@@ -49,6 +56,8 @@ class TextFramer(SerialFramer):
     def __init__(self, order: Order = "wxyz", form: str = "", sensors: SensorChoice | None = None) -> None:
         """Read lines as a `LineParser` of `order` and `form`, and those of one of the `sensors`."""
         super().__init__()
+        self.refused_text = ""
+        """The last line that was refused, with the reason, if it is text; else empty."""
         self._parser = LineParser(order, form)
         self._splitter = LineSplitter()
         self._sensors = SensorChoice("serial.sensor") if sensors is None else sensors
@@ -61,8 +70,11 @@ class TextFramer(SerialFramer):
             try:
                 items += self._parse_line(line, stamp_ns)
             except ContentError as error:
-                self._count_bad(1, f"{quoted(line)} {error}")
+                reason = f"{quoted(line)} {error}"
+                self._count_bad(1, reason)
+                self.refused_text = reason if is_text(line[:QUOTED_BYTES]) else ""
         if self._splitter.overlong > overlong:
+            self.refused_text = ""
             self._count_bad(self._splitter.overlong - overlong, f"a line of more than {LONGEST_LINE} bytes")
         return items
 

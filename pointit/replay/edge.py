@@ -19,7 +19,7 @@ NEAR_NS = NS_PER_S
 """Largest difference of the times at which a service sent a request then and now, ns."""
 
 
-class Edge:
+class ReplayEdge:
     """Writes messages and announces presences on a bus."""
 
     def __init__(self, bus: Bus) -> None:
@@ -105,7 +105,7 @@ class RecordedResults:
     Two events stand for each other if they are the first, second, … with carriers on their object.
     """
 
-    def __init__(self, edge: Edge) -> None:
+    def __init__(self, edge: ReplayEdge) -> None:
         self._edge = edge
         self._recorded: dict[str, list[int]] = {}
         """By object, stamps of the recorded events that services publish again, ns."""
@@ -117,7 +117,7 @@ class RecordedResults:
         """Store an event of the recording."""
         _note_act(self._recorded, entry.body)
 
-    def on_again(self, entry: Entry) -> None:
+    def on_replayed(self, entry: Entry) -> None:
         """Store an event of the replay, and publish the results that waited for it."""
         _note_act(self._again, entry.body)
         waiting = self._waiting

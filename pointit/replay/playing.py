@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from pointit.recording.entries import AnyRow, Entry, entry_of
-from pointit.replay.edge import Edge, RecordedRequests, RecordedResults
+from pointit.replay.edge import RecordedRequests, RecordedResults, ReplayEdge
 from pointit.replay.replayed_services import (
     GATHERING_NS,
     OBSERVERS,
@@ -285,7 +285,7 @@ class _Player:
         self._buses = buses
         self._clock = clock
         self._listener = listener
-        self._edge = Edge(buses.edge)
+        self._edge = ReplayEdge(buses.edge)
         starting_ns = LIVE_STARTING_S * clock.speed * NS_PER_S if plan.live else STARTING_NS
         self._started_ns = plan.source.began_ns + starting_ns
         self._skipped = Skipped()
@@ -418,7 +418,7 @@ class _Player:
         if isinstance(entry.row, Request):
             self._requests.on_answered(entry)
         if is_recomputed:
-            self._results.on_again(entry)
+            self._results.on_replayed(entry)
         can_be_start = self._live or bool(self._beginning.retained)
         is_start = can_be_start and self._is_start(entry)
         is_compared = is_recomputed and not is_start

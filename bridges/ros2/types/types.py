@@ -182,8 +182,7 @@ class Types:
         """
         codec = self._store.get_msgdef(self._layout(name).name)
         if len(cdr) > max_bytes:
-            size = f"{len(cdr)} bytes, at most {max_bytes}"
-            raise ValueError(f"{name}: {size} are read")
+            raise ValueError(f"{name}: {len(cdr)} bytes, at most {max_bytes} are read")
         if cdr[:2] == b"\x00\x01":
             deserialize = codec.deserialize_cdr_le
         elif cdr[:2] == b"\x00\x00":

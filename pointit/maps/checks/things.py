@@ -86,13 +86,10 @@ def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
 
         # Both are noted before either is reported, so that later things are compared with this one
         sound = " ".join(sound_of(ALIKE.get(word, word)) for word in words)
-        sound_id = begin_id = thing.id
-        sound_label = begin_label = label
-        if sound:
-            sound_id, sound_label = sounds.setdefault(sound, (thing.id, label))
+        own = (thing.id, label)
+        sound_id, sound_label = sounds.setdefault(sound, own) if sound else own
         begin = BEGIN.match(" ".join(words)) if thing.label else None
-        if begin is not None:
-            begin_id, begin_label = begins.setdefault(begin[0], (thing.id, label))
+        begin_id, begin_label = own if begin is None else begins.setdefault(begin[0], own)
 
         if sound_id != thing.id and sound_label != label:
             text = f"{label!r} sounds like {sound_label!r} of {sound_id}; change one label"

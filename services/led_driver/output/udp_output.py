@@ -97,7 +97,7 @@ class DatagramSender:
         self._health = health
         self._period_s = 1.0 / max_rate_hz
 
-        # Newest payload
+        # Only the newest payload is sent: an older frame shows what is over
         self._payload: bytes | None = None
         self._shown_s = 0.0
         self._age_s: float | None = None

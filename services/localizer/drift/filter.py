@@ -445,16 +445,14 @@ class DriftFilter:
 
 def _rejection_reason(errors: Array, sigmas: Array) -> str:
     """Return the reason to reject a pointing by its errors of azimuth and elevation, rad; 1 sigma of each."""
-    azimuth, elevation = 0, 1
-    worst = int(np.argmax(np.abs(errors) / sigmas))
-    error_deg = math.degrees(errors[worst])
-    sides = {
-        (azimuth, True): "to the left of",
-        (azimuth, False): "to the right of",
-        (elevation, True): "above",
-        (elevation, False): "below",
-    }
-    side = sides[worst, error_deg > 0]
+    azimuth_share, elevation_share = np.abs(errors) / sigmas
+    azimuth_deg, elevation_deg = np.degrees(errors).tolist()
+    if azimuth_share >= elevation_share:
+        error_deg = azimuth_deg
+        side = "to the left of" if azimuth_deg > 0 else "to the right of"
+    else:
+        error_deg = elevation_deg
+        side = "above" if elevation_deg > 0 else "below"
     return (
         f"the target was {abs(error_deg):.0f}° {side} the ray; see which target is meant, and point at that "
         "target again, arm straight"

@@ -91,10 +91,10 @@ class KeepIn(_Fence):
 
     def clearance_m(self, place_m: Vec3, apart_m: float) -> float:
         """Return the clearance at `place_m`, m."""
-        inside_m = -self._shape.signed_distance_m(place_m[:2]) - apart_m
-        below_m = self._high_m - place_m[2] - apart_m
-        above_m = place_m[2] - self._low_m + FLOOR_M
-        return min(inside_m, below_m, above_m)
+        to_sides_m = -self._shape.signed_distance_m(place_m[:2]) - apart_m
+        to_top_m = self._high_m - place_m[2] - apart_m
+        to_bottom_m = place_m[2] - self._low_m + FLOOR_M
+        return min(to_sides_m, to_top_m, to_bottom_m)
 
     def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
         """Return True if the clearance is at least `min_m` all along a segment."""

@@ -13,7 +13,14 @@ from pointit.api.feed import MAX_AT_ONCE, FunctionTarget, is_reaction
 from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
-from pointit.errors import BusClosedError, ConfigError, KeyNameError, NoMessageError, SchemaError
+from pointit.errors import (
+    BusClosedError,
+    ConfigError,
+    ConnectError,
+    KeyNameError,
+    NoMessageError,
+    SchemaError,
+)
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ActResult, Environment, Selection, SelectionEvent, TrackedObject
@@ -360,3 +367,15 @@ def test_traceback_of_a_wrong_name_hides_the_sites_thread(site: SyncSite) -> Non
     with pytest.raises(KeyNameError, match="user ''") as told:
         site.cursors("")
     assert [frame.name for frame in told.traceback[1:]] == ["iterating", "call", "run"]
+
+
+def test_error_of_a_site_hides_the_library_error_that_caused_it() -> None:
+    async def fail() -> None:
+        raise ConnectError("nobody answers") from OSError(111, "refused")
+
+    thread = LoopThread()
+    with pytest.raises(ConnectError) as caught:
+        thread.run(fail())
+    thread.close()
+    assert caught.value.__cause__ is None
+    assert caught.value.__suppress_context__

@@ -11,18 +11,29 @@ from hypothesis import strategies as st
 
 from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Lamp
+from pointit.schemas import NS_PER_S, Environment, Lamp
+from pointit.services.localizer.estimation.solution import Refusal
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.static_targets import (
     ObservationModel,
     StaticTargets,
     best_for_yaw,
     fisher_information,
+    lamp_for_anchor,
     next_target,
     prior,
 )
 from tests.support import there
-from tests.unit.localizer.person import EYES_M, LAB, START_NS, Person, config, poses, told, yaw_difference
+from tests.unit.localizer.person import (
+    EYES_M,
+    LAB,
+    START_NS,
+    Person,
+    config,
+    poses,
+    told,
+    yaw_difference,
+)
 
 LAMPS = (
     Lamp(id="a", position_m=(3.0, 2.0, 0.1)),
@@ -295,3 +306,18 @@ def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:
     across = np.diag([0.0, 0.25, 0.3])  # uncertain sideways for the lamps ahead
     beside: list[Vec3] = [(4.0, 0.0, 1.6), (0.0, 4.0, 1.6)]
     assert best_for_yaw(beside, (0.0, 0.0), across, ObservationModel()) == 1
+
+
+ROOM_WITH_LAMPS = Environment(stamp_ns=1, name="lab", lamps=LAMPS)
+
+
+@pytest.mark.parametrize(
+    ("asked", "remedy"),
+    [("attic", "ask for one of those"), ("", "correct `lamps`")],
+    ids=["asked", "configured"],
+)
+def test_refusal_of_a_missing_lamp_addresses_who_named_it(asked: str, remedy: str) -> None:
+    refusal = lamp_for_anchor(ROOM_WITH_LAMPS, ("attic",), asked)
+    assert isinstance(refusal, Refusal)
+    assert refusal.reason.startswith("lamps attic are not on map ")
+    assert refusal.reason.endswith(f"; {remedy}")

@@ -137,7 +137,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
         "lamps: {a: {position: [2, 0, 1]}}",
         [("warning", "lamps", "there is one lamp and localizing by pointing needs two")]),
     "a home without lamps": (
-        "things: {sofa: {home_assistant: light.sofa, center: [2, 0, 1], size: [0.3, 0.3, 0.3]}}",
+        "lamps: {}\nthings: {sofa: {home_assistant: light.sofa, center: [2, 0, 1], size: [0.3, 0.3, 0.3]}}",
         []),
     "a home with one lamp": (
         ("lamps: {a: {position: [2, 0, 1]}}\n"

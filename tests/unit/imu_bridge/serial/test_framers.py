@@ -283,3 +283,16 @@ def test_witmotion_is_switched_again_when_it_lost_its_settings() -> None:
     assert bytes.fromhex("ff aa 02 08 02") in detection.framer.commands
     assert connections(line.send(0.0)) == 1
     assert bytes.fromhex("ff aa 02 00 02") in detection.framer.commands
+
+
+@pytest.mark.parametrize(
+    ("line", "refused"),
+    [(b"hello world\r\n", "'hello world' "), (b"\x00\x01\x02\x80\x9f\r\n", "")],
+    ids=["text", "bytes"],
+)
+def test_refused_line_is_kept_only_if_it_is_text(line: bytes, refused: str) -> None:
+    framer = TextFramer()
+    assert framer.feed(b"\n" + line, 0) == []
+    assert framer.bad == 1
+    assert framer.refused_text.startswith(refused)
+    assert bool(framer.refused_text) is bool(refused)

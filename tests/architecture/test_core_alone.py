@@ -132,7 +132,9 @@ def test_help_shows_the_whole_table_of_commands(bare: Build) -> None:
         (("service", "run", "web", "--help"), "web", "pointit.bridges"),
     ],
 )
-def test_absent_part_is_one_sentence(bare: Build, arguments: Sequence[str], what: str, room: str) -> None:
+def test_absent_part_is_reported_in_one_sentence(
+    bare: Build, arguments: Sequence[str], what: str, room: str
+) -> None:
     assert bare.refusal(*arguments) == f"{what} is not part of this build of PointIt: there is no {room}"
 
 

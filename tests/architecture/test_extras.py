@@ -117,7 +117,7 @@ def installed_with(lines: list[str]) -> set[str]:
     return {canonicalize_name(name) for name in found}
 
 
-def test_imports_of_scripts_test_are_installed_by_it() -> None:
+def test_modules_that_tests_import_are_installed_by_scripts_test() -> None:
     """Statements count without which a file of tests cannot be loaded."""
     there = installed_with([*PROJECT["dependencies"], *EXTRAS["test"]]) | {"pointit", "pointit-lab"}
     makers = packages_distributions()

@@ -243,7 +243,7 @@ def test_only_the_codec_imports_msgpack() -> None:
     }
 
 
-def test_unvalidated_messages_are_those_of_each_sample() -> None:
+def test_only_per_sample_messages_are_created_without_validation() -> None:
     """Values of devices, plug-ins, files and other programs come in elsewhere, and are validated there."""
     users = sources.importers("pointit.schemas.base.unchecked", sources.shipped())
     assert {place.partition(":")[0] for place in users} == {

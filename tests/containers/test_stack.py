@@ -29,7 +29,7 @@ OWN = {"ca.pem", "cert.pem", "key.pem", "link.json"}
 END_S = 5.0
 
 
-def test_packages_of_two_people_leave_at_bay_1(stack: Stack) -> None:
+def test_both_people_act_and_red_packages_leave_at_bay_1(stack: Stack) -> None:
     def done() -> bool:  # a person's process tells what that person did
         logs = {name: stack.log(name) for name in PEOPLE}
         # who is slower may be refused all that they point at: both want the red ones
@@ -156,7 +156,7 @@ def test_the_image_lists_all_that_is_in_it_as_locked(stack: Stack) -> None:
     assert {(name, version) for name, version in there.items() if name != "pointit"} <= pins
 
 
-def test_container_without_published_ports_has_no_way_out(stack: Stack) -> None:
+def test_container_on_the_internal_network_has_no_way_out(stack: Stack) -> None:
     code = (
         "import socket\n"
         "try: socket.create_connection(('192.0.2.1', 80), 2)\n"

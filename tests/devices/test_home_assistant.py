@@ -179,7 +179,7 @@ async def test_act_after_the_loss_of_the_connection_is_refused_with_its_cause(tm
         await until(lambda: "unavailable: no Home Assistant answers at" in site.told, what="the result")
 
 
-async def test_hovered_lamp_is_restored_after_ends_and_restarts(
+async def test_lamp_is_restored_after_hover_home_restart_and_service_end(
     tmp_path: Path,
 ) -> None:
     memory_home = lit_home()
@@ -357,7 +357,7 @@ async def test_answers_of_other_servers_give_one_sentence(
         assert sentence in await refusal(config_of(tmp_path, port))
 
 
-async def test_path_of_a_proxy_is_used_and_a_wrong_one_named(tmp_path: Path) -> None:
+async def test_proxy_path_is_used_and_a_wrong_one_is_named(tmp_path: Path) -> None:
     paths: list[str] = []
 
     async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -446,7 +446,7 @@ def test_file_without_a_token_is_named_and_not_quoted(content: bytes, sentence: 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="rights of files")
-def test_token_file_may_be_read_by_its_owner_group_or_mount(
+def test_exposed_token_file_is_refused_unless_the_system_provides_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As systemd (`LoadCredential`, 0440 of root), and a container's engine (secrets, 0444) give them."""

@@ -90,7 +90,7 @@ async def test_changes_of_the_button_become_gestures() -> None:
 
 
 @in_virtual_time
-async def test_cue_drives_motor_and_led_until_a_newer_one() -> None:
+async def test_cue_drives_motor_and_led_until_a_newer_cue_starts() -> None:
     board = SimulatedMetaMotion()
     loop = asyncio.get_running_loop()
     async with worn(METAMOTION, board) as session:
@@ -265,7 +265,7 @@ async def test_wrist_is_chosen_among_several(wanted: Callable[[Sequence[BumbleWr
 
 
 @in_virtual_time
-async def test_first_of_two_boards_of_one_name_is_used() -> None:
+async def test_first_of_same_named_boards_stays_used_and_all_are_named() -> None:
     async with worn(METAMOTION, SimulatedMetaMotion(), SimulatedMetaMotion()) as session:
         await session.until(lambda: bool(session.of(Reading)))
         (used,) = [each for each in session.wrists if each.is_connected]

@@ -72,7 +72,7 @@ async def problem(**parameters: Any) -> str:
         return describe_error(error, has_user=bool(config.username))
 
 
-async def test_broker_with_its_own_authority_is_connected_to(
+async def test_brokers_private_authority_is_trusted_by_file_or_variable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with encrypting(tmp_path) as (port, authority):
@@ -134,7 +134,7 @@ async def test_a_certificate_for_another_purpose_is_not_told_to_lack_an_authorit
     assert text.endswith("issue another one there")
 
 
-async def test_broker_with_tls_1_3_only_is_connected_to_by_address(
+async def test_connection_by_address_to_a_tls_1_3_broker_succeeds(
     tmp_path: Path,
 ) -> None:
     with encrypting(tmp_path, "127.0.0.1", more="tls_version tlsv1.3\n") as (port, authority):
@@ -150,7 +150,7 @@ async def test_encryption_and_its_absence_are_told_when_they_do_not_match(tmp_pa
     assert f"localhost:{port} does not encrypt at this port: leave `tls` out (mqtt://" in secured
 
 
-async def test_unencrypted_broker_that_waits_is_named_with_its_remedy(
+async def test_broker_that_stalls_the_handshake_is_reported_as_unencrypted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(broker_errors, "CONNECT_TIMEOUT_S", 0.5)
@@ -199,7 +199,7 @@ async def test_a_search_names_a_broker_that_encrypts(tmp_path: Path) -> None:
     )
 
 
-async def test_repeated_cause_is_one_line_of_the_log(
+async def test_repeated_cause_is_logged_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(mqtt_things, "RETRY_S", 0.01)

@@ -166,7 +166,7 @@ async def test_bytes_of_others_below_its_announcements_are_taken_back(port: int)
             await until(lambda: heard[-1:] == [(topic, b"")], what="the last message to be empty")
 
 
-async def test_silent_broker_is_named_as_the_cause_of_a_failed_act(port: int) -> None:
+async def test_silent_broker_is_the_named_cause_of_a_failed_act(port: int) -> None:
     async with Relay(port).running() as relay, memory_bench() as bench:
         results = bench.collect(ACT_RESULTS)
         async with published(relay.port, bench) as watcher:

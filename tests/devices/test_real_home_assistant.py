@@ -138,7 +138,7 @@ async def test_lamp_is_imported_switched_and_shows_what_was_switched_there(
         await until(lambda: "bed" not in site.selected, what="what was switched there")
 
 
-async def test_deleted_token_is_reported_and_a_new_one_used(
+async def test_deleted_token_is_reported_and_a_new_one_is_used(
     config: HomeAssistantConfig, tmp_path: Path
 ) -> None:
     async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:

@@ -53,7 +53,7 @@ def problem(health: list[Health]) -> str:
     return next((each.sentence for each in health[-1].problems if each.code == VOICE), "") if health else ""
 
 
-async def test_missing_sound_card_is_reported_before_any_name(program: Path) -> None:
+async def test_missing_sound_card_is_reported_before_any_name_is_spoken(program: Path) -> None:
     says(program, NO_CARD)
     async with memory_bench() as bench:
         health = bench.collect(HEALTH)

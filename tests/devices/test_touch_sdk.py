@@ -169,7 +169,7 @@ async def test_app_that_ends_disconnects_and_is_found_again_when_it_is_restarted
 
 
 @in_virtual_time
-async def test_sleeping_watch_is_named_and_wakes_with_a_new_yaw() -> None:
+async def test_sleeping_watch_is_named_and_wakes_with_another_yaw_origin() -> None:
     watch = SimulatedTouchSdkWatch()
     async with worn(TOUCH_SDK, watch, rate_hz=RATE_HZ) as session:
         await session.until(lambda: len(session.of(Reading)) > 10)
@@ -235,7 +235,7 @@ async def test_touches_that_are_no_swipe_are_no_step(touches: Sequence[bytes]) -
 
 
 @in_virtual_time
-async def test_crown_steps_by_its_sign_and_at_most_five_at_once() -> None:
+async def test_crown_steps_by_the_set_sign_up_to_five_at_once() -> None:
     parameters = {"crown_sign": -1}
     async with worn(TOUCH_SDK, SimulatedTouchSdkWatch(), rate_hz=RATE_HZ, parameters=parameters) as session:
         await session.until(lambda: bool(session.of(Reading)))
@@ -344,7 +344,7 @@ async def test_watch_without_orientation_is_named_with_the_remedy() -> None:
 
 
 @in_virtual_time
-async def test_search_lists_a_watch_by_an_id_that_survives_new_addresses() -> None:
+async def test_search_lists_a_watch_by_an_id_that_outlives_addresses() -> None:
     async with air() as around:
         wrist = await around.wrist(SimulatedTouchSdkWatch())
         await wrist.appear()

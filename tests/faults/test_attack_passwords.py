@@ -129,7 +129,7 @@ async def test_client_without_a_password_is_refused(password_site: Site, account
         await attacked.unharmed()
 
 
-async def test_silent_client_keeps_nobody_out(password_site: Site, account: Account) -> None:
+async def test_silent_clients_do_not_keep_others_out(password_site: Site, account: Account) -> None:
     async with besieged(password_site) as attacked:
         attacked.begin()
         with contextlib.ExitStack() as stack:
@@ -239,7 +239,7 @@ async def test_no_password_is_seen_where_it_does_not_belong(password_site: Site)
     assert [where for where, what in seen.items() if any(secret in what for secret in secrets)] == []
 
 
-def test_false_router_gets_no_password(tmp_path: Path) -> None:
+def test_fake_router_gets_no_password(tmp_path: Path) -> None:
     """By TCP, and by QUIC, where a router of another authority even knows all passwords."""
     folder = make_site(tmp_path / "lab", password=True, dashboard_rate_hz=20.0)
     other = make_site(tmp_path / "other" / "lab", password=True, dashboard_rate_hz=20.0)

@@ -125,7 +125,7 @@ EVIL = "anna"
 VICTIM = "user1"
 
 
-async def test_writer_under_another_name_is_refused_and_named(either_site: Site, account: Account) -> None:
+async def test_writer_of_forbidden_keys_is_refused_and_named(either_site: Site, account: Account) -> None:
     alien = {key for key in keys_of(VICTIM) if "thing/color" not in key}
     keys = sorted(
         {*alien, SELECTION.at(), HEALTH.at("pui"), HEALTH.at(ROUTER), "surprise", "users/*/pose", "**"}
@@ -186,7 +186,9 @@ async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Si
         attacked.row(account, "another's history, written, answered for, read (`@adv`)", noticed_s, BY)
 
 
-async def test_answers_and_presence_under_another_name_are_named(either_site: Site, account: Account) -> None:
+async def test_answers_and_presence_in_anothers_name_are_refused_and_named(
+    either_site: Site, account: Account
+) -> None:
     requests = [SET_BRIGHTNESS.at(), SET_METHOD.at(), SET_POSE.at(VICTIM)]
     names = [
         USER_ALIVE.at(VICTIM),

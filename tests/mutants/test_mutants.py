@@ -85,7 +85,7 @@ def test_mutant_that_cannot_be_imported_is_broken_not_killed(project: Path) -> N
     assert runner.verdict(each).startswith("BROKEN (pytest ended with 2)")
 
 
-def test_seed_draws_the_same_lines_of_cores() -> None:
+def test_seed_draws_the_same_lines_of_cores_except_excluded_ones() -> None:
     drawn = fresh.sample(20, "a seed", set())
     assert drawn[1:] == fresh.sample(19, "a seed", {drawn[0][:2]})
 

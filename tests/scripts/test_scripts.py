@@ -64,7 +64,7 @@ def test_the_demo_runs_the_scenario_that_is_named(machine: Machine, arguments: t
     assert machine.calls[-1] == " ".join(("pointit run", *arguments))
 
 
-def test_tests_need_more_than_the_demo_and_named_ones_need_all(machine: Machine) -> None:
+def test_scripts_test_installs_its_extra_or_dev_for_named_tests(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.run("demo")
     install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}"
@@ -122,7 +122,7 @@ def test_pip_fetches_uv_once_which_installs_the_rest(machine: Machine) -> None:
     assert machine.calls == [f"{uv} -e {machine.root}[plot]"]
 
 
-def test_pip_with_user_true_still_installs_into_the_venv(machine: Machine) -> None:
+def test_pip_configured_with_user_true_still_installs_into_the_venv(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("setup", CONFIG_USER="true")
     assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")

@@ -64,7 +64,7 @@ def is_far(candidate: dict[str, Any]) -> bool:
 
 @pytest.mark.long
 @pytest.mark.slow
-async def test_rover_goes_to_the_pointed_place_and_a_lost_site_returns(
+async def test_assistant_sends_a_rover_and_finds_a_lost_site_again(
     commands: Commands, endpoint: str, tmp_path: Path
 ) -> None:
     hall = tmp_path / "hall.yaml"
@@ -116,7 +116,7 @@ async def test_rover_goes_to_the_pointed_place_and_a_lost_site_returns(
     assert outcomes == {"done", "refused"}
 
 
-async def test_http_server_takes_the_pages_tokens_and_ends_with_ctrl_c(commands: Commands) -> None:
+async def test_http_server_accepts_page_tokens_and_ends_with_ctrl_c(commands: Commands) -> None:
     nowhere = f"tcp/127.0.0.1:{free_port()}"
     server = commands.start("mcp", "--listen", "127.0.0.1:0", "--connect", nowhere)
     await server.says("tokens in ")

@@ -112,7 +112,7 @@ async def test_a_run_that_is_stopped_or_killed(commands: Commands, endpoint: str
     await finds_it_killed(plant, endpoint)
 
 
-async def test_doctor_names_processes_that_start_stop_or_are_killed(
+async def test_doctor_names_stopped_and_killed_processes_but_not_starting_ones(
     commands: Commands, endpoint: str
 ) -> None:
     """One run for all: its processes take ten seconds of CPU to start."""

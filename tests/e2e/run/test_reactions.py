@@ -49,7 +49,7 @@ class Door:
         writer.close()
 
 
-async def test_person_learns_the_results_of_programs_and_webhooks(
+async def test_outcomes_of_programs_and_webhooks_are_published_and_summarized(
     commands: Commands, endpoint: str, tmp_path: Path
 ) -> None:
     script, told, summary = (tmp_path / name for name in ("fork.sh", "told", "s.json"))

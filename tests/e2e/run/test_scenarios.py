@@ -194,7 +194,9 @@ async def missed(commands: Commands, endpoint: str) -> dict[str, str]:
     return {finding["service"]: finding["remedy"] for finding in absent}
 
 
-async def test_late_observer_misses_a_vanished_service(commands: Commands, endpoint: str) -> None:
+async def test_late_observer_misses_a_killed_person_until_she_returns(
+    commands: Commands, endpoint: str
+) -> None:
     commands.start("run", "scenario_2", "--site-only", "--no-view", "--listen", endpoint)
     join = ("person", "add", "anna", "--no-view", "--connect", endpoint)
     async with onlooker(endpoint) as seen:

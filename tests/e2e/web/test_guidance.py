@@ -149,7 +149,7 @@ async def test_card_in_each_beginning_of_ones_own_map(
     assert window.faults == []
 
 
-async def test_list_of_people_is_first_and_above_the_fold(
+async def test_person_and_list_of_people_are_first_above_the_fold(
     browser: Browser, home: SitePage, tmp_path: Path
 ) -> None:
     window = await Window.open(browser, home.url, size=SIZES[0], reduced_motion="reduce")
@@ -181,7 +181,7 @@ async def test_source_is_nobody_at_once_after_give_back(browser: Browser, home: 
 
 
 @pytest.mark.parametrize("shared_site", ["scenario_4"], indirect=True)
-async def test_unwanted_package_is_not_invited_to(
+async def test_page_does_not_invite_to_select_an_unwanted_package(
     browser: Browser, shared_site: SitePage, tmp_path: Path
 ) -> None:
     window = await Window.open(browser, shared_site.url, scripts=(TOLD,), reduced_motion="reduce")

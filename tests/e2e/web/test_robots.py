@@ -52,7 +52,7 @@ async def test_robots_are_told_and_stopped(browser: Browser) -> None:
         assert window.faults == []
 
 
-async def test_onlooker_sees_robots_and_stops_them_on_a_small_screen(browser: Browser) -> None:
+async def test_viewer_sees_robots_and_stops_them_on_a_small_screen(browser: Browser) -> None:
     page_is_built()
     async with robot_room() as room, serving(room.bench) as server:
         window = await opened(browser, f"{server.url}/?token={VIEWER}", size=(320, 640))

@@ -96,7 +96,7 @@ def seen_from_origin(strips: tuple[Strip, ...]) -> dict[str, tuple[Vec3, ...]]:
     }
 
 
-async def test_scan_from_its_button_gives_a_map_with_true_positions(
+async def test_scan_on_the_page_gives_a_map_with_true_positions(
     browser: Browser, commands: Commands, tmp_path: Path
 ) -> None:
     """The lights really blink through led-driver, a rendered camera sees them with noise and tremor."""

@@ -36,7 +36,7 @@ async def see_the_same(*windows: Window) -> None:
         await asyncio.sleep(0.05)
 
 
-async def test_second_page_takes_the_mouse_of_the_first_and_both_control_feeders(
+async def test_both_pages_control_feeders_and_the_second_takes_the_mouse(
     browser: Browser, shared_site: SitePage
 ) -> None:
     first = await Window.open(browser, shared_site.url)
@@ -100,7 +100,7 @@ async def test_viewer_is_offered_and_granted_nothing(browser: Browser, shared_si
     assert window.faults == []
 
 
-async def test_past_events_are_seen_and_left_by_a_key(browser: Browser, shared_site: SitePage) -> None:
+async def test_past_is_shown_and_left_by_key_or_button(browser: Browser, shared_site: SitePage) -> None:
     window = await Window.open(browser, shared_site.url)
     page = window.page
     await window.is_shown()

@@ -137,7 +137,7 @@ def check(seen: dict[str, Any], where: str) -> None:
         assert met == [], f"{where}: {name}"
 
 
-async def test_own_room_is_shown_well_at_four_sizes_in_two_themes(
+async def test_own_room_looks_right_at_four_sizes_in_two_themes(
     browser: Browser, commands: Commands, tmp_path: Path
 ) -> None:
     page_is_built()

@@ -232,7 +232,7 @@ async def test_the_scene_stands_in_the_room_where_three_things_were_touched(head
     assert (await page.evaluate(LENS), await canvas(headset)) == before
 
 
-async def test_alignment_by_hands_is_used_by_the_next_visit(headset: Window) -> None:
+async def test_hand_alignment_is_used_by_the_visit_after_lost_graphics(headset: Window) -> None:
     page = headset.page
     await page.evaluate(REFUSE)
     await page.get_by_role("button", name="In your room").click()

@@ -210,7 +210,7 @@ async def test_client_waits_while_the_router_opens_again(
         await bus.close()
 
 
-async def test_reason_of_a_lost_router_is_asked_until_it_answers(
+async def test_cause_of_a_lost_router_is_probed_until_something_answers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = make_site(tmp_path / "lab")

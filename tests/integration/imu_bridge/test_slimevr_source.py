@@ -55,7 +55,7 @@ async def connect(wrist: Running, phone: Phone, *, board: int = BOARD, last: int
 
 
 @pytest.mark.parametrize(("board", "expected_s"), [(OWOTRACK, [0.15, 0.05]), (BOARD, [])])
-async def test_phone_vibrates_in_the_pattern_of_a_cue_and_boards_do_not(
+async def test_phone_vibrates_in_a_cues_pattern_and_boards_do_not(
     board: int, expected_s: list[float]
 ) -> None:
     cue = Feedback(stamp_ns=1, seq=1, cue="selected", haptic_ms=(150, 20, 50))
@@ -175,7 +175,7 @@ async def test_sensor_that_the_tracker_lacks_is_named() -> None:
         await until(told)
 
 
-async def test_fault_of_the_sensor_is_named_until_the_tracker_works_again() -> None:
+async def test_fault_of_a_sensor_is_named_until_it_works_again() -> None:
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await connect(wrist, phone)
         phone.say(struct.pack(">IQBB", 14, 1001, 0, 5))

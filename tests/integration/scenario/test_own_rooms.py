@@ -61,7 +61,7 @@ things:
 
 
 @pytest.mark.slow
-def test_boxes_fire_one_at_a_time_and_functions_get_each_event() -> None:
+def test_boxes_fire_one_by_one_and_functions_get_each_event() -> None:
     heard: list[str] = []
 
     async def hear(event: SelectionEvent) -> None:
@@ -82,7 +82,7 @@ def test_boxes_fire_one_at_a_time_and_functions_get_each_event() -> None:
     assert all(after.thing != before.thing for before, after in pairwise(fired))
 
 
-def test_map_with_things_runs_without_end_and_presses_confirm(tmp_path: Path) -> None:
+def test_map_of_things_runs_endlessly_firing_by_dwell_or_press(tmp_path: Path) -> None:
     room = tmp_path / "kitchen.yaml"
     room.write_text(MAP, encoding="utf-8")
     assert read_scenario(str(room)).duration_s is None

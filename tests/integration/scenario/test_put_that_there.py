@@ -159,7 +159,7 @@ def test_a_synthetic_voice_puts_the_rover_where_the_person_points(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_package_taken_by_words_goes_to_the_bay_of_selected_ones(tmp_path: Path) -> None:
+def test_package_selected_by_speech_goes_to_the_bay_for_selections(tmp_path: Path) -> None:
     places: list[dict[str, object]] = [{"position_m": [-1.3, -1.9, 0.0], "yaw_deg": 20.0}]
     slowly = {"method": "fraction", "window_s": 4.0}  # words are faster than staying
     sorter = scenario(tmp_path, "scenario_4", places, selector=slowly)

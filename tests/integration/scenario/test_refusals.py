@@ -58,7 +58,7 @@ def test_somebody_who_does_not_point_is_refused_until_the_next_attempt() -> None
     assert "samples" in outcome.view[80]
 
 
-def test_anchor_of_somebody_who_looks_elsewhere_is_refused_and_the_pose_stays() -> None:
+def test_anchor_with_a_hanging_arm_is_refused_and_changes_nothing() -> None:
     """Localized by pointing, they let the arm hang when the lamp lights: that is beyond the gate."""
     settings = (
         "user-sim.points_when_asked=false",

@@ -26,7 +26,7 @@ def fences_crossed(flights: Flights) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "duration_s"), SOME)
-def test_people_land_a_quadrotor_at_their_place_without_crossing_a_fence(
+def test_quadrotor_lands_at_the_pointed_place_without_crossing_a_fence(
     seeds: Iterable[int], duration_s: float
 ) -> None:
     off_m: list[float] = []

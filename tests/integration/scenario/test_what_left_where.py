@@ -152,7 +152,7 @@ def test_nothing_is_accepted_for_which_it_is_too_late(delay: int, script: list[t
 
 @settings(deadline=None, max_examples=25)
 @given(delay=st.integers(0, 20), script=deeds("undo", "clear", "release", "speed"))
-def test_departure_that_is_reported_late_is_corrected(delay: int, script: list[tuple[str, int]]) -> None:
+def test_selection_that_comes_too_late_is_corrected(delay: int, script: list[tuple[str, int]]) -> None:
     """Belts that change their speed and slow links break what the conveyor has told; it has the last word."""
     hall = Hall(delay)
     for deed, number in script:

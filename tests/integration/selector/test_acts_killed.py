@@ -107,9 +107,7 @@ async def shop(endpoint: str, tmp_path: Path) -> AsyncIterator[Shop]:
 
 
 @pytest.mark.parametrize("is_early", [True, False])
-async def test_act_is_carried_out_once_and_the_next_selector_reports_its_result(
-    shop: Shop, *, is_early: bool
-) -> None:
+async def test_act_is_done_once_and_reported_by_the_next_selector(shop: Shop, *, is_early: bool) -> None:
     await shop.start_carrier()
     selector = await shop.start_selector()
     assert (await shop.switch()).endswith("did not tell the result yet")
@@ -128,7 +126,7 @@ async def test_act_is_carried_out_once_and_the_next_selector_reports_its_result(
     assert (shop.folder / "told").read_text() == "on\n"
 
 
-async def test_act_goes_back_when_carrier_and_selector_were_killed(
+async def test_act_is_undone_when_its_carrier_and_selector_are_killed(
     shop: Shop,
 ) -> None:
     carrier = await shop.start_carrier()
@@ -144,7 +142,7 @@ async def test_act_goes_back_when_carrier_and_selector_were_killed(
     await shop.hear(("failed", "no_answer"))
 
 
-async def test_killed_carrier_ends_its_act_and_a_new_one_carries_the_next(shop: Shop) -> None:
+async def test_act_fails_when_its_carrier_is_killed_until_another_starts(shop: Shop) -> None:
     carrier = await shop.start_carrier()
     await shop.start_selector()
     await shop.switch()

@@ -59,7 +59,7 @@ async def points_at(place: Site, target_m: Vec3) -> AsyncGenerator[None]:
         yield
 
 
-async def test_person_of_the_peer_has_a_cursor_while_she_wants_one(place: Site) -> None:
+async def test_person_of_the_peer_has_a_cursor_while_subscribed(place: Site) -> None:
     dora = place.dora
     wish = {
         "user_name": ANNA,

@@ -99,7 +99,7 @@ async def test_late_joiner_gets_latched_messages_once_either_way(pair: Pair) -> 
     assert [value(BOOL, each).data for each in heard] == [True, False]
 
 
-async def test_own_messages_never_come_back_and_equal_ones_of_others_do(pair: Pair) -> None:
+async def test_own_messages_never_return_but_equal_ones_from_others_arrive(pair: Pair) -> None:
     await pair.ours.do("listen", topic="/both", type=BOOL, depth=200)
     await pair.ours.do("advertise", topic="/both", type=BOOL, depth=200)
     await pair.theirs.do("listen", topic="/both", type=BOOL, depth=200)
@@ -179,7 +179,7 @@ async def test_each_sees_what_the_other_has(pair: Pair) -> None:
     )
 
 
-async def test_unmatched_qos_and_missing_types_are_reported(pair: Pair) -> None:
+async def test_unmatched_qos_and_missing_or_different_types_are_reported(pair: Pair) -> None:
     await pair.ours.do("listen", topic="/told", type=BOOL, depth=1, latched=True)
     await pair.theirs.do("advertise", topic="/told", type=BOOL)
     sentence = "node /robot on /told does not match ours"

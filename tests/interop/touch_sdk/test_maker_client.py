@@ -197,7 +197,7 @@ def text_of(content: object) -> str:
 
 
 @pytest.mark.timeout(600)
-def test_makers_messages_are_decoded_alike_and_damaged_ones_raise_value_error(
+def test_messages_decode_as_the_makers_or_raise_value_error_if_damaged(
     touch_sdk_python: Path,
 ) -> None:
     messages = lines(touch_sdk_python, "1", f"{VALID}", f"{DAMAGED}")

@@ -104,6 +104,6 @@ def test_the_drivers_cost_is_not_the_services(*, is_apart: bool) -> None:
         (["--rate", "0"], "0.0 is not in the range"),
     ],
 )
-def test_unmeasurable_person_is_refused_in_a_sentence(arguments: list[str], sentence: str) -> None:
+def test_impossible_options_are_refused_in_one_sentence(arguments: list[str], sentence: str) -> None:
     ended = CliRunner().invoke(main, arguments)
     assert (ended.exit_code, sentence in ended.output) == (2, True), ended.output

@@ -5,7 +5,7 @@ import pytest
 from pointit_lab.benchmarks import startup
 
 
-def test_start_is_the_median_of_runs_after_an_uncounted_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_startup_time_is_the_median_after_a_discarded_first_run(monkeypatch: pytest.MonkeyPatch) -> None:
     lights_s = iter([9.0, 0.5, 0.7, 0.6])
 
     def run(_scenario: str) -> dict[str, float]:

@@ -77,7 +77,9 @@ def test_mistakes_are_told_before_the_work(data: Path, monkeypatch: pytest.Monke
         invoke("localization", "--data", str(data), "--subject", "anna")
 
 
-def test_remaining_error_after_corrections_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pointing_evaluation_refuses_missing_data_and_compares_solvers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(drift, "PEOPLE", 5)
     with pytest.raises(ConfigError, match="has no folder proximity_feedback"):
         invoke("pointing", "--data", str(tmp_path))

@@ -40,7 +40,7 @@ GOOD = run(
 )
 
 
-def test_toggles_are_wrong_that_leave_a_package_in_the_wrong_state(tmp_path: Path) -> None:
+def test_toggles_that_leave_packages_in_the_wrong_state_are_wrong(tmp_path: Path) -> None:
     (read,) = read_runs(write(tmp_path, GOOD))
     assert [(round(toggle.at_s, 1), toggle.is_wrong) for toggle in read.toggles] == [
         (2.0, False),
@@ -53,7 +53,7 @@ def test_toggles_are_wrong_that_leave_a_package_in_the_wrong_state(tmp_path: Pat
     assert (read.packages, read.targets, read.missed) == (3, 1, 0)
 
 
-def test_trial_without_a_target_has_no_time_and_is_missed(tmp_path: Path) -> None:
+def test_run_ending_without_its_target_is_a_miss_without_time(tmp_path: Path) -> None:
     lost = run(package(1, target=True, selected=[[0, 0], [20, 1], [30, 0]]))
     figures = lab_figures(read_runs(write(tmp_path, GOOD, lost)))
     assert figures.n == 2

@@ -44,7 +44,9 @@ def write_entry(recordings: Path, key: str, value: str) -> Path:
         ("file", "[1]", "'file': a text was expected, got [1]"),
     ],
 )
-def test_impossible_folder_is_one_sentence(tmp_path: Path, key: str, value: str, said: str) -> None:
+def test_damaged_index_entry_is_refused_in_one_sentence(
+    tmp_path: Path, key: str, value: str, said: str
+) -> None:
     path = write_entry(tmp_path, key, value)
     with pytest.raises(ConfigError) as caught:
         read_trials(tmp_path)
@@ -59,7 +61,7 @@ def test_impossible_folder_is_one_sentence(tmp_path: Path, key: str, value: str,
 @pytest.mark.parametrize(
     ("name", "write"), [("motion_relloc/lost.csv", write_motion), ("proximity_waypoints/track_9.csv", None)]
 )
-def test_path_without_a_file_is_refused(
+def test_folder_or_pipe_in_place_of_a_file_is_refused(
     tmp_path: Path, make: Callable[[Path], None], name: str, write: Callable[..., Path] | None
 ) -> None:
     (write or write_track)(tmp_path, Stand())
@@ -139,7 +141,7 @@ def test_damage_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> Non
     assert len(str(caught.value)) < 500
 
 
-def test_file_without_a_table_is_refused(tmp_path: Path) -> None:
+def test_table_that_is_no_regular_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         read_table(tmp_path / "none.csv", numbers=["x"])
     with pytest.raises(ConfigError, match="this is a folder"):

@@ -108,7 +108,7 @@ def test_the_data_may_be_the_root_or_the_recordings(tmp_path: Path, monkeypatch:
         recordings_folder(tmp_path / "nowhere")
 
 
-def test_missing_datasets_are_named_and_passed_over(tmp_path: Path) -> None:
+def test_missing_datasets_are_named_and_skipped(tmp_path: Path) -> None:
     write_motion(tmp_path, STAND)
     reading = read_trials(tmp_path)
     assert len(reading.notes) == 3

@@ -67,7 +67,7 @@ def room() -> LocalizationTrial:
 @pytest.mark.parametrize(
     ("to_right_m", "hand"), [(injections.BESIDE_M, "right"), (-injections.BESIDE_M, "left")]
 )
-def test_known_shoulder_gives_the_rays_again(
+def test_known_shoulder_offset_restores_the_rays(
     following: LocalizationTrial, to_right_m: float, hand: Literal["left", "right"]
 ) -> None:
     """The service `pointing`, told the measure, undoes what is injected."""

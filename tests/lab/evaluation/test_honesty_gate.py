@@ -31,7 +31,7 @@ from tests.support.invoked import printed
 DECISION = Path(__file__).parents[3] / "docs/decisions/certain-poses.md"
 
 
-def test_missed_targets_are_named() -> None:
+def test_missed_honesty_targets_are_named() -> None:
     good = rows_of(
         Judged(
             set="s", condition=NONE, duration="2 s", subject="a", taken=True, error_m=0.1, square=1.0,
@@ -125,14 +125,14 @@ def judged_row(*, wrong: int, taken: int, n: int = 40) -> HonestyRow:
 
 
 @pytest.mark.parametrize(("wrong", "taken"), [(0, 30), (15, 30), (5, 5), (0, FEWEST - 1), (0, 0)])
-def test_row_keeps_its_own_limits_unless_it_is_much_worse(wrong: int, taken: int) -> None:
+def test_row_meets_its_own_limits_unless_it_is_much_worse(wrong: int, taken: int) -> None:
     limits = limits_of(judged_row(wrong=wrong, taken=taken))
     assert limits.broken_by(judged_row(wrong=wrong, taken=taken)) == []
     if wrong < taken:
         assert limits.broken_by(judged_row(wrong=min(wrong + 6, 30), taken=30))
 
 
-def test_localizer_that_takes_no_pose_fails() -> None:
+def test_localizer_that_no_longer_takes_poses_breaks_its_limits() -> None:
     assert limits_of(judged_row(wrong=0, taken=20)).broken_by(judged_row(wrong=0, taken=0)) == ["taken 0 %"]
     assert limits_of(judged_row(wrong=19, taken=20)).broken_by(judged_row(wrong=0, taken=0)) == []
 

@@ -95,12 +95,12 @@ def at(start_s: float, window_s: int, error_m: float, *, taken: bool) -> Outcome
     return dataclasses.replace(found, recording="r", start_s=start_s, taken_m=error_m if taken else math.inf)
 
 
-def test_taken_poses_are_counted_that_err_by_more_than_a_metre() -> None:
+def test_share_of_taken_poses_over_a_metre_off_is_reported() -> None:
     outcomes = [at(0.0, 2, 0.4, taken=True), at(1.0, 2, 1.5, taken=True), at(2.0, 2, 1.6, taken=False)]
     assert rows_of(outcomes)[0].taken_above_1m == 0.5
 
 
-def test_taken_poses_and_their_times_are_counted() -> None:
+def test_share_of_taken_poses_and_time_until_taken_are_reported() -> None:
     outcomes = [
         *(at(0.0, window_s, 0.1 * window_s, taken=window_s >= 3) for window_s in (2, 3, 10)),
         *(at(1.0, window_s, 0.1 * window_s, taken=window_s >= 2) for window_s in (2, 3, 10)),
@@ -115,7 +115,7 @@ def test_taken_poses_and_their_times_are_counted() -> None:
     assert there(until.taken_m).rms == pytest.approx(math.sqrt((0.3**2 + 0.2**2 + 0.3**2) / 3))
 
 
-def test_person_without_a_taken_pose_has_no_time() -> None:
+def test_median_time_until_taken_is_none_when_few_are_taken() -> None:
     found = until_taken_rows([at(float(start), 10, 0.1, taken=start == 0) for start in range(3)])
     until = row(found, subject="all", condition=UNTIL)
     assert (until.n, until.until_taken_s) == (3, None)
@@ -199,7 +199,7 @@ def test_no_window_is_lost(times: list[float]) -> None:
     assert found == wanted
 
 
-def test_recording_that_is_too_short_is_noted() -> None:
+def test_too_short_recording_is_skipped_and_noted() -> None:
     reading = TrialReading()
     reading.follow(Path("short.csv"), following([0.0, 0.3, 0.6]))
     assert reading.trials == []
@@ -216,7 +216,7 @@ def assert_all_end() -> None:
         time.sleep(0.01)
 
 
-def test_reader_that_stops_waits_for_nobody() -> None:
+def test_parallel_map_that_is_closed_early_ends_its_workers() -> None:
     work = map_parallel(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
     assert next(work) == (0, None)
     began = time.monotonic()

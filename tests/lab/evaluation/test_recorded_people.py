@@ -157,7 +157,7 @@ def test_late_arm_costs_no_more_than_its_own_time_again() -> None:
 
 
 @pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])
-def test_recorded_people_are_within_two_sigma_when_the_tracker_is_late(name: str) -> None:
+def test_recorded_people_are_within_two_sigma_despite_a_late_tracker(name: str) -> None:
     """A recorded robot whose places are taken 0.2 s late."""
     reading = read_trials(data_file("recordings"), [name])
     outside: dict[float, list[bool]] = {0.0: [], 0.15: []}
@@ -284,7 +284,7 @@ def meant_in(following: FollowRecording, begin_s: float, decoy_m: Array) -> str:
     return meant.object_id if isinstance(told, Solution) else ""
 
 
-def test_recorded_robot_is_meant_rather_than_a_decoy_on_its_path() -> None:
+def test_recorded_robot_is_chosen_over_decoys_with_a_similar_path() -> None:
     """The decoy flies the recorded path mirrored, or some seconds late; windows of 3 s.
 
     Where the robot flew circles, the late one looks exactly the same from another place: nobody can tell.

@@ -143,7 +143,7 @@ def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path
     assert rows[0]["pitch_deg"]["median"] == pytest.approx(4.0)
 
 
-def test_follower_of_a_robot_is_scored_by_windows_of_the_arm(tmp_path: Path) -> None:
+def test_robot_follower_is_scored_by_windows_of_arm_motion_alone(tmp_path: Path) -> None:
     stand = Stand(x=-1.5, y=-1.0, yaw_deg=35.0)
     motion = write_motion(tmp_path, stand, duration_s=12.0)
     path = str(write(tmp_path / "s.mcap", csv_entries(motion, user="anna", mounting="minus_x")))
@@ -169,9 +169,7 @@ def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("kind", "error_deg"), [("person_frame", 15.0), ("person", 0.0)])
-def test_yaw_of_a_person_frame_is_the_truth_unlike_their_facing(
-    tmp_path: Path, kind: str, error_deg: float
-) -> None:
+def test_yaw_of_a_person_frame_is_true_unlike_the_facing(tmp_path: Path, kind: str, error_deg: float) -> None:
     stand = Stand(x=0.3, y=0.2)
     yaw_rad = math.radians(20.0)
     heads = [
@@ -186,7 +184,7 @@ def test_yaw_of_a_person_frame_is_the_truth_unlike_their_facing(
     assert row["yaw_deg"]["median"] == pytest.approx(error_deg, abs=0.5)
 
 
-def test_missing_streams_are_reported_in_one_sentence(tmp_path: Path) -> None:
+def test_missing_truth_unknown_subject_and_conflicting_options_are_reported(tmp_path: Path) -> None:
     nobody = session(tmp_path / "nobody.mcap", pointing_at_lamps("anna", Stand()))
     with pytest.raises(
         ConfigError, match=r"nobody\.mcap: it has no true position of any person; let a tracker"

@@ -30,7 +30,7 @@ def test_the_interval_is_wilsons() -> None:
     assert Share(0, 300).interval == pytest.approx((0.0, 0.0126), abs=1e-3)
 
 
-def test_pointing_elsewhere_fires_less_than_by_a_method_without_doubt() -> None:
+def test_default_method_fires_less_than_hasty_ones_when_pointing_elsewhere() -> None:
     hasty = SelectorConfig.model_validate({"method": "estimate", "estimate": {"sure": 0.5, "dwell_s": 0.3}})
     assert wrong_selections(CONFIG, ("nothing", 2000, 1.0)) == 0
     assert wrong_selections(hasty, ("strip", 2001, 2.0)) > wrong_selections(CONFIG, ("strip", 2001, 2.0))

@@ -151,7 +151,7 @@ async def test_counters_are_ready_before_they_count_and_report_their_duration() 
     assert counted == {1: Contents(lasted_s=0.2, counts={"Cursor": [3, 0]})}
 
 
-def test_traffic_in_and_out_is_counted_apart() -> None:
+def test_outgoing_and_incoming_messages_are_counted_separately() -> None:
     cursor = str(encoding_of(Cursor)).encode()
 
     class Wire:
@@ -193,7 +193,7 @@ async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
     assert [sample.seq for sample in sent[0].samples] == list(range(1, len(sent[0].samples) + 1))
 
 
-async def test_late_samples_are_left_out_instead_of_sent_in_a_burst() -> None:
+async def test_late_samples_are_dropped_instead_of_sent_in_a_burst() -> None:
     sent = Sent(stall_s=0.5)
     await drive_wrists([LoadTestWrist(sent)], 100.0, 1.0)
     assert len(sent.samples) <= 52

@@ -55,7 +55,9 @@ async def test_people_join_a_running_site(commands: Commands, endpoint: str) -> 
         assert seen.people == set() or seen.people <= {"load0", "load1"}
 
 
-async def test_load_that_joins_a_running_site_does_not_secure_it(commands: Commands, endpoint: str) -> None:
+async def test_secured_option_is_refused_when_the_load_joins_a_site(
+    commands: Commands, endpoint: str
+) -> None:
     ended = await commands.pointit("load", *SHORT, "--secured", "--connect", endpoint, code=2)
     assert ended.sentence.startswith("--secured makes a site of its own; leave it out with --connect")
 
@@ -96,7 +98,7 @@ def measured(**fields: Any) -> LoadResult:
     return LoadResult(**values)
 
 
-def test_bearable_load_has_no_failure() -> None:
+def test_load_within_limits_has_no_failure_and_reports_its_figures() -> None:
     assert not measured().failure
     row = measured().row()
     assert (row["users"], row["light_p50_ms"], row["light_p99_ms"]) == (10, 2.0, 2.0)
@@ -137,7 +139,7 @@ def test_bytes_of_a_link_are_counted_for_each_sample() -> None:
         ({"sent": 0, "pointed": 0}, "only 0%"),
     ],
 )
-def test_unbearable_load_names_its_reason(fields: dict[str, Any], why: str) -> None:
+def test_load_beyond_a_limit_is_reported_with_the_reason(fields: dict[str, Any], why: str) -> None:
     assert why in measured(**fields).failure
     assert measured(**fields).row()["carried"] == measured(**fields).failure
 

@@ -193,7 +193,7 @@ def test_bag_without_its_metadata_is_refused_and_its_file_is_read(
     assert len(imported(folder / f"take{STORAGES[storage]}")[IMU_KEY]) == COUNT
 
 
-def test_parts_are_read_in_order_and_a_missing_one_is_named(tmp_path: Path) -> None:
+def test_bag_parts_are_read_in_order_and_missing_ones_named(tmp_path: Path) -> None:
     folder = tmp_path / "take"
     folder.mkdir()
     names = ["take_10.db3", "take_2.db3"]
@@ -216,7 +216,7 @@ def test_parts_are_read_in_order_and_a_missing_one_is_named(tmp_path: Path) -> N
     assert len(imported(folder / names[0])[IMU_KEY]) == 100
 
 
-def test_unclosed_database_is_refused_and_read_after_its_command(
+def test_unclosed_database_is_refused_and_read_after_its_repair(
     tmp_path: Path,
 ) -> None:
     folder = bag(tmp_path / "take", SAID[:200])
@@ -264,7 +264,7 @@ def full_disk(folder: object) -> SimpleNamespace:
     ("disk", "padding", "limit"),
     [(shutil.disk_usage, 30_000_000, "20 times its size"), (full_disk, 0, "the free space (1000 bytes)")],
 )
-def test_packed_file_beyond_the_limit_is_read_after_unpacking_by_hand(
+def test_packed_file_beyond_limits_is_refused_until_unpacked_by_hand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, disk: Callable[[Path], object], padding: int, limit: str
 ) -> None:
     folder = bag(tmp_path / "take", SAID)
@@ -281,7 +281,7 @@ def test_packed_file_beyond_the_limit_is_read_after_unpacking_by_hand(
     assert len(imported(unpacked(packed))[IMU_KEY]) == COUNT
 
 
-def test_packed_file_that_is_cut_off_is_refused_with_its_repair(tmp_path: Path) -> None:
+def test_truncated_packed_file_is_refused_with_its_repair(tmp_path: Path) -> None:
     folder = compressed(tmp_path / "take", StoragePlugin.MCAP, CompressionMode.FILE)
     file = folder / "take.mcap.zstd"
     plain = plain_mcap(tmp_path / "other.mcap", chunks=True)
@@ -292,7 +292,7 @@ def test_packed_file_that_is_cut_off_is_refused_with_its_repair(tmp_path: Path) 
     assert "`mcap recover take.mcap -o whole.mcap`" in sentence
 
 
-def test_oversized_chunk_is_refused_before_it_is_in_memory(tmp_path: Path) -> None:
+def test_zstd_chunk_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     source = tmp_path / "bomb.mcap"
     with source.open("wb") as file:
         writer = McapWriter(file, chunk_size=1 << 30, compression=CompressionType.ZSTD)
@@ -305,7 +305,7 @@ def test_oversized_chunk_is_refused_before_it_is_in_memory(tmp_path: Path) -> No
     assert "a chunk of it unpacks to more than 33554432 bytes" in refused(source)
 
 
-def test_oversized_lz4_chunk_is_refused_before_it_is_in_memory(tmp_path: Path) -> None:
+def test_lz4_chunk_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     source = tmp_path / "bomb.mcap"
     with source.open("wb") as file:
         writer = McapWriter(file, chunk_size=1 << 30, compression=CompressionType.LZ4)

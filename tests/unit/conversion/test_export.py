@@ -96,7 +96,7 @@ def test_the_dictionary_describes_every_column(tmp_path: Path) -> None:
     assert units["imu.csv", "orientation_x"] == ""
 
 
-def test_rotation_of_a_cue_is_named_and_empty_cells_are_described(tmp_path: Path) -> None:
+def test_columns_name_the_turn_of_cues_and_never_say_none(tmp_path: Path) -> None:
     columns = {column.name: column for column in columns_of(models.Feedback)}
     cue = models.Feedback(stamp_ns=1, cue="target", turn_rad=(0.25, -0.5))
     assert (columns["turn_right_rad"].get(cue), columns["turn_up_rad"].get(cue)) == (0.25, -0.5)
@@ -330,7 +330,7 @@ def test_an_act_and_its_selection_have_the_result_of_the_carriers(result: str) -
     assert only_selection(found).ended_by == {"done": "deselected", "failed": "failed"}[result]
 
 
-def test_taken_back_selection_is_no_act_of_a_person() -> None:
+def test_deselection_after_a_failure_is_no_act_of_the_person() -> None:
     found = ActDetector(BEGAN_NS)
     hover(found, 1.0, 3.0, "a")
     found.on_event(happened(1.5, "selected", "a", carriers=("home",)))
@@ -346,7 +346,7 @@ def test_a_dispatched_object_has_its_bay() -> None:
     assert (row.ended_by, row.bay, row.ended_user, row.pointed_s) == ("dispatched", "2", "", None)
 
 
-def test_take_over_ends_one_selection_and_begins_another() -> None:
+def test_takeover_ends_one_selection_and_begins_another() -> None:
     found = ActDetector(BEGAN_NS)
     found.on_event(happened(1.0, "selected", "a"))
     found.on_event(happened(2.0, "selected", "a", user="ben"))

@@ -86,7 +86,7 @@ def rates_hz(folder: Path, system: str) -> tuple[float, float]:
     return content["SamplingFrequency"], content["SamplingFrequencyEffective"]
 
 
-def test_pose_that_was_set_once_has_the_rate_of_one_sample(tmp_path: Path) -> None:
+def test_single_pose_has_a_rate_of_one_per_session(tmp_path: Path) -> None:
     export_bids(session("anna"), tmp_path / "short")
     assert rates_hz(tmp_path / "short", "pose") == (1.0, 1.0)  # the session lasts 0.78 s
     late = Cursor(stamp_ns=at(10_000.5), point_m=None)

@@ -227,7 +227,7 @@ def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room:
     ]
 
 
-def test_left_out_topics_are_reported_with_the_reason(tmp_path: Path) -> None:
+def test_omitted_messages_are_reported_with_the_reason(tmp_path: Path) -> None:
     source = bag(
         tmp_path / "bag",
         [
@@ -254,7 +254,7 @@ def test_left_out_topics_are_reported_with_the_reason(tmp_path: Path) -> None:
     assert "use 1 to 64 letters" in notes[f"/{'a' * 70}/metawear_ros/rotation"]
 
 
-def test_stamps_of_another_clock_are_refused_unless_the_bags_are_chosen(tmp_path: Path) -> None:
+def test_foreign_clock_stamps_are_refused_unless_bag_time_is_chosen(tmp_path: Path) -> None:
     source = bag(tmp_path / "bag", [(100.0, *turned(1.0)[1:])])
     refusal = run(source).stderr
     assert "s from the bag's time, limit 10 s; give --stamps bag if it is of another clock" in refusal

@@ -142,7 +142,7 @@ def test_only_who_is_published_has_a_way_out() -> None:
     assert PERSON["networks"]["site"] == {"name": BASE["networks"]["site"]["name"], "external": True}
 
 
-def test_shared_parts_of_the_files_have_one_name() -> None:
+def test_volumes_are_shared_by_the_files_and_not_between_sites() -> None:
     for name in ("site", "router"):
         assert PERSON["volumes"][name] == BASE["volumes"][name] | {"external": True}
     names = [volume["name"] for volume in BASE["volumes"].values()]

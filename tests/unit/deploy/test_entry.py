@@ -75,7 +75,7 @@ def test_it_ends_while_it_waits(tmp_path: Path) -> None:
         assert runs(tmp_path) == []
 
 
-def test_process_that_ends_is_started_again_after_growing_pauses(tmp_path: Path) -> None:
+def test_service_that_ends_is_restarted_after_growing_pauses(tmp_path: Path) -> None:
     with started(tmp_path, "exit 3", "service", "run", "pui") as process:
         assert process.stdout is not None
         lines: list[str] = []

@@ -373,7 +373,7 @@ def check(pose: DriftPose, whole: NDArray[np.float64]) -> None:
 @example([("predict", 76830445), ("heading", 0, 0.0, 0.0, 4.9e-55), ("reset", 0, 0.0, 0.0, 0.0, 6.0)], 0.0)
 @example([("heading", 0, 0.0, 0.0, 1e-200)] * 3, 0.0)
 @given(st.lists(steps, max_size=12), sigmas)
-def test_covariance_stays_valid_in_any_history(happened: list[Step], sigma: float) -> None:
+def test_covariance_stays_valid_after_any_steps(happened: list[Step], sigma: float) -> None:
     drift = DriftFilter(some_fix(0.0, 0.0, 0.0, sigma, 0))
     for step in happened:
         apply(drift, step)

@@ -238,7 +238,7 @@ async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come(
         assert [round(ray.origin_m[2], 6) for ray in here.rays] == [1.81]
 
 
-async def test_pointing_uses_and_reports_common_measures_until_a_supervisor_comes(
+async def test_pointing_uses_common_measures_and_warns_until_a_profile_comes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(service, "PROFILE_WAIT_S", 0.0)

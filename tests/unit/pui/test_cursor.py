@@ -222,7 +222,7 @@ def test_sweeping_past_and_a_resting_arm_are_not_told() -> None:
         assert someone.cue() is None
 
 
-def test_cursor_begins_again_after_a_pause_of_pointing() -> None:
+def test_time_of_misses_starts_over_after_a_pause_in_pointing() -> None:
     someone = person()
     for stamp_ns in range(0, NS_PER_S, STEP_NS):
         someone.cursor(aimed(0.0, -20.0, stamp_ns))
@@ -315,7 +315,7 @@ def miss(someone: PersonCursor, from_s: float, to_s: float) -> str:
     return someone.passing.hint
 
 
-def test_hint_comes_after_a_minute_of_misses_and_ends_with_a_hit() -> None:
+def test_hint_follows_a_minute_of_misses_until_a_hit() -> None:
     someone = person()
     assert miss(someone, 0.0, 59.0) == ""
     assert miss(someone, 59.0, 61.0) == "you point 20° below strip s: raise your arm"

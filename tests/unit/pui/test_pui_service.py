@@ -58,7 +58,7 @@ spheres:
         ((0.0, 5.0, 1.6), {"surfaces": ("sphere",), "priority": {"other": 1}}, "other"),
     ],
 )
-async def test_configured_surfaces_decide_the_hits(
+async def test_configured_surfaces_and_priorities_decide_the_hit(
     tmp_path: Path, target: Vec3, config: dict[str, Any], met: str
 ) -> None:
     path = tmp_path / "things.yaml"
@@ -330,7 +330,7 @@ def lists(listed: list[TrackedObjects], ids: list[str]) -> bool:
     return bool(listed) and [each.id for each in listed[-1].objects] == ids
 
 
-async def test_things_of_the_new_map_replace_those_of_the_old_one(tmp_path: Path) -> None:
+async def test_things_of_a_new_map_replace_those_before(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(STRIP.format(z=1))
     async with room(map=str(path)) as here:

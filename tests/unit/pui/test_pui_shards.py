@@ -55,7 +55,7 @@ def on_sphere(*, clouds: tuple[Cloud, ...] = ()) -> Environment:
 
 
 @in_virtual_time
-async def test_people_of_an_ended_shard_go_on_at_their_positions() -> None:
+async def test_people_of_an_ended_shard_keep_their_pose_and_workspace() -> None:
     async with sharing() as room:
         bench = room.bench
         bench.start(Pui)

@@ -116,7 +116,7 @@ def hiding(at: Vec3 = HIDDEN_M, **more: Any) -> Environment:
     )
 
 
-def test_surface_behind_a_crate_is_hidden_though_it_comes_first() -> None:
+def test_lamp_behind_a_crate_is_hidden_even_when_listed_first() -> None:
     room = hiding()
     assert met(surfaces("lamp", room=room, opaque=()), HIDDEN_M) == ("lamp", "hidden")
     assert met(surfaces("lamp", room=room), HIDDEN_M) is None
@@ -126,20 +126,20 @@ def test_surface_behind_a_crate_is_hidden_though_it_comes_first() -> None:
     assert met(surfaces("lamp", room=hiding(close)), close) is None
 
 
-def test_surface_seen_over_a_crate_is_not_hidden() -> None:
+def test_lamp_seen_over_a_crate_is_not_hidden() -> None:
     above = (4.5, 0.0, 0.9)
     assert met(surfaces("lamp", room=hiding(above)), above) == ("lamp", "hidden")
     # nor when the ray itself meets the crate's upper edge, a little below
     assert met(surfaces("lamp", room=hiding(above)), (3.0, 0.0, 0.78)) == ("lamp", "hidden")
 
 
-def test_strip_mounted_on_a_crate_is_seen() -> None:
+def test_lamp_mounted_on_a_crate_is_seen() -> None:
     for place in ((3.0, 0.5, 0.8), (2.6, 0.5, 0.4), (2.62, 0.5, 0.4), (3.3, 0.0, 0.79)):
         assert met(surfaces("lamp", room=hiding(place)), place) == ("lamp", "hidden")
 
 
 @pytest.mark.parametrize(("depth_m", "is_seen"), [(0.01, True), (0.04, True), (0.06, False), (0.3, False)])
-def test_strip_a_little_inside_a_crate_is_seen(depth_m: float, is_seen: bool) -> None:
+def test_lamp_is_seen_up_to_5_cm_inside_a_crate(depth_m: float, is_seen: bool) -> None:
     front = (2.6, 0.0, 0.4)
     into = vector.normalized(vector.subtract(front, EYES))
     place = vector.add(front, vector.scale(into, depth_m))
@@ -153,7 +153,7 @@ def test_strip_a_little_inside_a_crate_is_seen(depth_m: float, is_seen: bool) ->
         ((3.304, 0.0, 0.696), (3.3, 0.0, 0.8)),  # under the place that the ray meets, hardly farther
     ],
 )
-def test_surface_hardly_inside_a_crate_is_seen_beside_the_ray(place: Vec3, aim: Vec3) -> None:
+def test_lamp_just_inside_a_crate_is_seen_beside_the_ray(place: Vec3, aim: Vec3) -> None:
     assert met(surfaces("lamp", room=hiding(place)), aim) == ("lamp", "hidden")
 
 

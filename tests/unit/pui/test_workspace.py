@@ -123,7 +123,7 @@ def test_a_ray_near_parallel_to_a_workspace_misses(kind: WorkspaceKind, angle_de
     assert (hit is not None) is met
 
 
-def test_workspace_parts_move_with_the_person_or_stay() -> None:
+def test_facing_plane_stays_and_other_workspaces_move_with_the_person() -> None:
     for kind in KINDS:
         person = Person()
         person.point_at((2.0, 0.0, 0.5))
@@ -242,7 +242,7 @@ def test_of_two_trackers_the_newer_counts_and_what_left_is_gone() -> None:
 # refusals
 
 
-def test_impossible_workspace_is_reported_and_changes_nothing() -> None:
+def test_impossible_workspace_is_refused_and_changes_nothing() -> None:
     person = Person()
     with pytest.raises(WorkspaceError, match="no ray has come"):
         person.ask("sphere")

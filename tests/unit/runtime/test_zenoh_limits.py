@@ -211,7 +211,7 @@ async def test_a_handler_that_ends_the_world_does_not_silence_the_dispatcher() -
     loop.set_exception_handler(None)
 
 
-async def test_errors_of_unpacking_are_counted() -> None:
+async def test_unpacking_errors_are_counted() -> None:
     def unpack(_item: object) -> Message:
         raise OverflowError("a norm beyond floats")
 

@@ -88,7 +88,7 @@ def test_common_error_of_the_person_stays_in_the_map() -> None:
     assert math.degrees(azimuth - angles(LAMPS["desk"], (0.0, 0.0))[0]) == pytest.approx(4.0, abs=0.5)
 
 
-def test_sigmas_are_those_of_presses_and_larger_for_positions() -> None:
+def test_paced_target_has_plausible_sigmas_of_direction_and_position() -> None:
     target = locate_paced(presses()).targets["desk"]
     assert all(1.0 < math.degrees(sigma) < 4.0 for sigma in target.direction_sigmas_rad)
     assert len(target.direction_sigmas_rad) == 3

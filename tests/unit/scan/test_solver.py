@@ -48,7 +48,7 @@ def distances(scan: Scan) -> dict[str, float]:
     return {name: float(off[2 * row : 2 * row + 2].max()) for row, name in enumerate(names)}
 
 
-def test_strips_are_located_within_a_centimetre_despite_wrong_numbers() -> None:
+def test_strips_are_located_within_15_mm_despite_wrong_numbers() -> None:
     scan = solve(specs(), LAMPS, photographs(4, wrong=0.1))
     assert max(distances(scan).values()) < 0.015
     assert all(strip.identified for strip in scan.strips.values())
@@ -78,7 +78,7 @@ def test_the_room_is_level_by_gravity_or_by_its_strips(scan: Scan) -> None:
         assert each.level_from == source
 
 
-def test_known_length_scales_everything_and_contradictions_are_reported() -> None:
+def test_known_length_sets_the_scale_and_contradicting_pitches_are_reported() -> None:
     known = KnownLength(Mark("post", 0), Mark("post", 59), 59 * PITCH_M * 1.1)
     scan = solve(specs(), LAMPS, photographs(4), known_length=known)
     assert scan.scale_from == "length"
@@ -190,7 +190,7 @@ def test_strip_swapped_with_one_of_another_pitch_is_not_identified() -> None:
     assert any("'left'" in each for each in (*scan.problems, "'left'" if found and found.reason else ""))
 
 
-def test_strip_swapped_with_a_shorter_one_is_named() -> None:
+def test_swap_with_a_shorter_strip_is_suggested_as_the_reason() -> None:
     counts = {spec.name: spec.count for spec in specs()}
     shown = {"left": "post", "post": "left"}  # 90 and 60 pixels; those beyond the shorter strip do not shine
     marks = {name: marked_pixels(count) for name, count in counts.items()}
@@ -333,7 +333,7 @@ def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) 
 
 
 @pytest.mark.slow
-def test_exit_code_tells_of_lights_left_out_of_the_map(views: Path) -> None:
+def test_exit_code_reports_lights_left_out_of_the_map(views: Path) -> None:
     survey = read_survey(views)
     hidden = [
         replace(

@@ -78,7 +78,7 @@ def test_tests_find_a_value_of_another_type_that_would_be_converted() -> None:
 
 @pytest.mark.usefixtures("as_in_production")
 @pytest.mark.parametrize("direction", [(math.nan, 0.0, 0.0), (2.0, 0.0, 0.0), (1.0, 0.0), None])
-def test_receiver_refuses_a_wrong_value(direction: Any) -> None:
+def test_receiver_refuses_unchecked_messages_with_wrong_values(direction: Any) -> None:
     ray = unchecked(PointingRay)(stamp_ns=5, origin_m=EYES, direction=direction)
     with pytest.raises(DecodeError, match="direction"):
         decode(PointingRay, encode(ray))

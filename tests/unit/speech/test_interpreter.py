@@ -124,7 +124,7 @@ async def test_candidates_that_would_be_refused_are_not_asked_about(
 
 
 @in_virtual_time
-async def test_refusal_of_the_goal_service_is_reported_and_nothing_done() -> None:
+async def test_refusal_by_the_goal_service_is_reported() -> None:
     async with room() as here:
         here.found = {"there": sure("place", "floor")}
         here.refusal = "you are not pointing"
@@ -148,7 +148,7 @@ async def test_refusal_of_the_goal_service_is_reported_and_nothing_done() -> Non
     ],
 )
 @in_virtual_time
-async def test_unknown_name_is_reported_and_no_other_thing_is_moved(text: str, name: str) -> None:
+async def test_unknown_name_is_reported_and_no_robot_is_sent(text: str, name: str) -> None:
     async with room() as here:
         here.found["there"] = sure("place", "floor")
         here.say(text)
@@ -168,7 +168,7 @@ async def test_words_that_are_no_object_do_not_keep_the_robot_from_going(text: s
 
 
 @in_virtual_time
-async def test_done_command_has_the_probability_of_its_words() -> None:
+async def test_referents_probability_is_relative_to_candidates_of_the_right_kind() -> None:
     async with room() as here:
         floor = Referent(kind="place", name="floor_2", probability=0.04, place_m=PLACE)
         near = Referent(kind="thing", name="radio", probability=0.955)
@@ -196,7 +196,7 @@ async def test_unclear_command_is_refused_with_the_reason() -> None:
 
 @pytest.mark.parametrize("text", ["stop", "no stop", "stop right there"])
 @in_virtual_time
-async def test_stop_is_followed_at_once_during_a_question_and_when_late(text: str) -> None:
+async def test_stop_is_obeyed_at_once_during_questions_and_when_late(text: str) -> None:
     async with room() as here:
         here.found = {"that": either("radio", HOSTILE)}
         here.say("take that")
@@ -222,7 +222,7 @@ async def test_a_robot_that_refuses_to_stop_leaves_no_other_one_driving() -> Non
 
 
 @in_virtual_time
-async def test_stop_of_a_thing_stops_the_robots() -> None:
+async def test_stopping_things_stops_robots_and_long_speech_is_harmless() -> None:
     async with room() as here:
         here.say("stop the radio")
         await here.result()
@@ -281,7 +281,7 @@ class Conveyor:
 
 
 @in_virtual_time
-async def test_package_is_claimed_as_by_pointing_and_sent_to_its_bay() -> None:
+async def test_package_named_by_speech_is_claimed_as_by_pointing() -> None:
     async with room() as here:
         conveyor = Conveyor(here)
         here.found = {"that": sure("object", "red_7"), "there": sure("place", "p")}
@@ -307,7 +307,7 @@ async def test_package_is_claimed_as_by_pointing_and_sent_to_its_bay() -> None:
 
 
 @in_virtual_time
-async def test_verb_of_things_is_refused_for_others_and_for_presses() -> None:
+async def test_verb_applies_to_its_own_things_and_replaces_no_press() -> None:
     async with room() as here:
         radio, kettle = (Referent(kind="thing", name=each, probability=0.48) for each in ("radio", "kettle"))
         here.found = {"that": Referents(candidates=(radio, kettle), none=0.04, rays=100)}
@@ -329,7 +329,7 @@ def test_a_verb_that_cannot_be_used_is_refused(text: str) -> None:
         own_verbs([text])
 
 
-def test_missing_program_is_reported_after_the_check_of_the_thing() -> None:
+def test_missing_program_is_returned_as_a_problem_with_the_verbs() -> None:
     verbs, problem = own_verbs(["heat kettle=true", "heat radio=no-such-program", "heat nuts="])
     assert verbs["heat"].things == {"kettle", "radio", "nuts"}
     assert str(problem).startswith("heat radio: no program no-such-program")
@@ -337,7 +337,7 @@ def test_missing_program_is_reported_after_the_check_of_the_thing() -> None:
 
 
 @in_virtual_time
-async def test_verb_of_a_missing_thing_is_refused_with_the_present_ones() -> None:
+async def test_verb_of_an_unknown_thing_is_refused_with_a_suggestion() -> None:
     async with room() as here:
         interpreter = Interpreter(here.bench.bus, here.bench.clock, USER, own_verbs(["heat kettel"])[0])
         with pytest.raises(ConfigError, match="the map has no thing 'kettel'; did you mean kettle"):
@@ -345,7 +345,7 @@ async def test_verb_of_a_missing_thing_is_refused_with_the_present_ones() -> Non
 
 
 @in_virtual_time
-async def test_robots_are_known_before_words_and_stop_reaches_silent_ones() -> None:
+async def test_interpreter_waits_for_robots_and_stop_reaches_silent_ones() -> None:
     async with room() as here:
         here.bench.bus.announce(SERVICE_ALIVE, "robot.silent")
         here.bench.bus.announce(SERVICE_ALIVE, "robot.late")

@@ -28,7 +28,7 @@ def heard(clock: ManualClock, from_s: float, to_s: float) -> Speech:
 
 
 @pytest.mark.wall_time
-async def test_words_during_a_spoken_message_are_its_echo(
+async def test_synthesizer_speaks_messages_and_counts_words_meanwhile_as_echo(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / PROGRAM

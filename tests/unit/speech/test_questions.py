@@ -85,7 +85,7 @@ async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
         *((after_s, text, 0.0) for after_s in (0.0, 0.25) for text in ("yes", "")),
     ],
 )
-async def test_words_that_began_before_the_light_confirm_nothing(
+async def test_other_words_and_answers_before_the_light_confirm_nothing(
     after_s: float, text: str, ago_s: float
 ) -> None:
     async with question(after_s) as here:

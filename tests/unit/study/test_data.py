@@ -17,7 +17,7 @@ from pointit.study.study_folder import StudyFolder, read_table
 COLUMNS = ("trial", "reason")
 
 
-def test_row_cut_off_at_any_byte_is_moved_to_another_file(tmp_path: Path) -> None:
+def test_row_truncated_at_any_byte_is_moved_to_another_file(tmp_path: Path) -> None:
     table = AppendOnlyCsv(tmp_path / "t.csv", COLUMNS)
     table.append({"trial": 1, "reason": 'said "no", and\nleft'})
     whole = table.path.read_bytes()
@@ -158,7 +158,7 @@ def measured(path: Path, *rows: dict[str, object]) -> Path:
 
 
 @pytest.mark.parametrize("level", ["None", "NA", "null", "nan", "n/a", "#N/A", "<missing>", "."])
-def test_level_read_as_a_missing_value_is_refused_before_any_participant(tmp_path: Path, level: str) -> None:
+def test_level_that_reads_as_missing_is_refused_before_a_study(tmp_path: Path, level: str) -> None:
     study_folder(tmp_path, text := STUDY.replace("'0.30'", f"'{level}'"))
     with pytest.raises(ConfigError, match="is read as a missing value by programs for statistics: give it"):
         check_ready(read_study(tmp_path / "s.yaml"))
@@ -229,7 +229,7 @@ def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: 
         ("ended: [", "is not YAML"),
     ],
 )
-def test_damaged_record_of_a_participant_is_reported_by_run_and_check(
+def test_damaged_participant_record_is_reported_by_run_and_check(
     tmp_path: Path, line: str, sentence: str
 ) -> None:
     measured(tmp_path, {})

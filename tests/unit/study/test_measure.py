@@ -314,7 +314,7 @@ print(json.dumps([[inlet.pull_sample(20.0)[1] for _ in range(int(sys.argv[2]))] 
 
 
 @pytest.mark.wall_time
-async def test_ray_and_cursor_of_one_message_share_a_growing_time(
+async def test_ray_and_cursor_of_a_message_share_one_monotonic_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")

@@ -362,7 +362,9 @@ PNG = b"\x89PNG\r\n\x1a\nand so on"
         ),
     ],
 )
-def test_later_failures_are_refused_before_the_first_trial(tmp_path: Path, text: str, sentence: str) -> None:
+def test_mistakes_of_a_study_are_refused_before_the_first_trial(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
     folder = tmp_path / "study"
     folder.mkdir()
     (folder / "text.png").write_text("no picture")

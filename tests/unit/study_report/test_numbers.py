@@ -354,7 +354,7 @@ def test_without_an_effect_five_percent_of_studies_find_one() -> None:
     assert row["low"] < 0.05 < row["high"]
 
 
-def test_power_ends_where_it_suffices_and_needed_is_the_first_number() -> None:
+def test_power_stops_when_sufficient_and_needed_agrees_with_gpower() -> None:
     told: list[int] = []
     people = spread(stats.norm.ppf((np.arange(500) + 0.5) / 500))
     table = power.power(people, 0.5, range(4, 200), tell=told.append)

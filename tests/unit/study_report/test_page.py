@@ -70,7 +70,7 @@ def test_page_needs_nothing_else_and_is_well_formed(written: str) -> None:
     assert "currentColor" in written
 
 
-def test_each_result_of_the_page_has_the_code_that_makes_it(folder: Path, written: str) -> None:
+def test_each_result_on_the_page_has_its_code(folder: Path, written: str) -> None:
     codes = re.findall(r"<pre><code>(.*?)</code></pre>", written)
     results = len(re.findall(r"<figure>|<table>", written))
     assert len(codes) == results >= 20

@@ -40,7 +40,7 @@ def test_examples_name_extras_that_there_are() -> None:
     assert {name for names in listed for name in re.split(r"[ ,]", names)} <= {*EXTRAS, "lab"}
 
 
-def test_no_extra_names_a_package_of_this_repository_that_no_index_has() -> None:
+def test_no_extra_names_a_repository_package_that_no_index_has() -> None:
     """`pip install` would fetch it from a stranger who has registered the name."""
     laboratory = tomllib.loads((ROOT / "lab/pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
     needed = {canonicalize_name(Requirement(line).name) for lines in EXTRAS.values() for line in lines}

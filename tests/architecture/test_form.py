@@ -104,7 +104,7 @@ def test_limits_of_branches_only_fall(tmp_path: Path) -> None:
     assert form.faults(loads, lowered) == []
 
 
-def test_plurals_short_forms_and_synonyms_are_akin_and_other_words_are_not() -> None:
+def test_plurals_abbreviations_and_synonyms_are_akin_and_other_words_not() -> None:
     names = script("names")
     assert names.words("_LEDOutput_v2") == ("led", "output", "v2")
     assert [pair for pair in AKIN + STRANGE if names.is_akin(*pair)] == list(AKIN)

@@ -17,7 +17,7 @@ SENTENCE_READERS = (
 )
 
 
-def test_every_code_is_a_constant_of_few_characters_and_in_the_reference() -> None:
+def test_every_problem_code_is_a_short_constant_in_the_reference() -> None:
     page = "\n".join(reference.problems())
     codes = reference.codes_in_use()
     assert len(codes) > 80, "the calls are found"

@@ -90,7 +90,7 @@ async def later(call: Callable[[str], int]) -> int:
 """
 
 
-def test_the_type_checker_finds_each_of_seventeen_errors_and_nothing_else(tmp_path: Path) -> None:
+def test_type_checker_finds_exactly_seventeen_errors(tmp_path: Path) -> None:
     file = tmp_path / "wrong.py"
     file.write_text(WRONG, encoding="utf-8")
     pyrefly = Path(sys.executable).with_name("pyrefly")

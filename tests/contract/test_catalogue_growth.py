@@ -76,7 +76,7 @@ def test_a_missing_file_is_written_and_named() -> None:
     assert "messages/Cart.v1.json, samples/Cart.v1.msgpack; run `pointit topic schema --write`" in problem
 
 
-def test_an_added_field_asks_for_a_version_and_names_the_command() -> None:
+def test_added_field_asks_for_a_version_and_names_the_command() -> None:
     changed = cart(colour=(str, ""))
     with pytest.raises(
         SchemaError, match=r"^Cart\.v1 has changed.*raise `version` of Cart to 2 and run"

@@ -172,7 +172,7 @@ class TestPeopleShare:
         await until(lambda: len(three.default.button.seen) > len(sent))
         assert three.default.button.of("ben") == [0, *sent]
 
-    async def test_an_event_before_a_shard_came_is_not_replayed_to_it(self, three: SimpleNamespace) -> None:
+    async def test_event_from_before_a_shard_is_not_replayed_to_it(self, three: SimpleNamespace) -> None:
         three.buttons["anna"].put(press(1))
         await until(lambda: three.default.button.of("anna") == [1])
         shard = await start_shard(three)

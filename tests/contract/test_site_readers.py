@@ -190,7 +190,7 @@ class Writer:
 
 
 @pytest.mark.parametrize("kind", ["memory", "zenoh-peer"])
-async def test_all_readers_show_the_same_of_who_leaves_and_comes_back(
+async def test_all_readers_show_the_same_when_writers_leave_and_return(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with site_of(kind) as site, readers_on(site.b, monkeypatch) as readers:

@@ -7,7 +7,7 @@ from pointit.testing import PtyDevice
 from tests.support.bench import background, until
 
 
-async def test_port_is_opened_with_a_dark_frame_which_contains_no_command() -> None:
+async def test_port_opens_with_a_dark_frame_that_contains_no_command() -> None:
     device = PtyDevice()
     await device.plug()
     output = AdalightOutput(

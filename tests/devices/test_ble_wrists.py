@@ -15,7 +15,7 @@ from tests.support.bench import in_virtual_time
 
 
 @in_virtual_time
-async def test_sensor_is_set_to_its_rate_and_delivers_rates_accelerations_and_battery() -> None:
+async def test_sensor_is_set_to_its_rate_and_delivers_raw_readings() -> None:
     sensor = SimulatedWitMotion()
     async with worn(WITMOTION_BLE, sensor, rate_hz=100, parameters={"rate_hz": 100}) as session:
         await session.until(lambda: len(session.of(RawReading)) >= 200)
@@ -36,7 +36,7 @@ RATE_HZ = 60.0
 
 
 @in_virtual_time
-async def test_sensor_is_started_and_delivers_quaternions_with_its_time_and_its_battery() -> None:
+async def test_sensor_is_started_and_delivers_timed_quaternions_and_battery() -> None:
     sensor = SimulatedXsensDot()
     async with worn(XSENS_DOT, sensor, rate_hz=RATE_HZ) as session:
         await session.until(lambda: len(session.of(Reading)) >= 120)

@@ -166,7 +166,7 @@ async def test_thing_follows_its_entity_and_failures_have_a_cause(
         assert site.selected == {"fan"}
 
 
-async def test_act_after_the_loss_of_the_connection_is_refused_with_its_cause(tmp_path: Path) -> None:
+async def test_act_after_a_lost_connection_is_refused_with_its_cause(tmp_path: Path) -> None:
     memory_home = lit_home()
     port = free_port()
     async with memory_bench(WallClock()) as bench:
@@ -203,7 +203,7 @@ async def test_lamp_is_restored_after_hover_home_restart_and_service_end(
             await until(lambda: brightness(memory_home) == 100, what="the lamp after the end")
 
 
-async def test_wrong_types_from_home_assistant_are_left_out_and_nothing_ends(
+async def test_wrong_types_from_home_assistant_are_skipped_and_nothing_ends(
     home: tuple[MemoryHome, int], tmp_path: Path
 ) -> None:
     memory_home, port = home
@@ -224,7 +224,7 @@ async def test_wrong_types_from_home_assistant_are_left_out_and_nothing_ends(
         assert not launch.done()
 
 
-async def test_entity_that_is_not_there_tells_nobody_what_else_is_at_home(
+async def test_missing_entity_is_reported_without_naming_other_entities(
     home: tuple[MemoryHome, int], tmp_path: Path
 ) -> None:
     memory_home, port = home
@@ -278,7 +278,7 @@ async def test_slow_lamp_shows_no_hover_after_two_slow_calls(
         assert len(memory_home.calls) == calls
 
 
-async def test_rejected_token_is_reported_once_sent_and_a_new_one_is_used(
+async def test_rejected_token_is_sent_once_and_reported_until_it_changes(
     home: tuple[MemoryHome, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG)
@@ -377,7 +377,7 @@ async def test_name_that_is_not_known_is_named(tmp_path: Path) -> None:
     assert sentence in await refusal(config_of(tmp_path, 1, url="http://hub.invalid:8123"))
 
 
-async def test_http_for_https_and_https_for_http_name_the_right_address(
+async def test_http_and_https_mixed_up_name_the_right_address(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     memory_home = lit_home()

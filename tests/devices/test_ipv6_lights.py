@@ -122,7 +122,7 @@ def know(monkeypatch: pytest.MonkeyPatch, name: str, *addresses: str) -> None:
 
 
 @pytest.mark.skipif(not name_lookup.found_addresses(socket.AF_INET6), reason="no IPv6 here")
-async def test_a_light_that_is_announced_in_a_network_without_ipv4_is_found(
+async def test_light_announced_in_a_network_without_ipv4_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:

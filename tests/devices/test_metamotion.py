@@ -69,7 +69,7 @@ async def test_configured_board_delivers_100_quaternions_per_second_and_its_batt
 
 
 @in_virtual_time
-async def test_leftovers_are_removed_first_and_a_fast_connection_is_asked_for() -> None:
+async def test_leftovers_are_removed_first_and_a_fast_connection_is_requested() -> None:
     board = SimulatedMetaMotion()
     async with worn(METAMOTION, board) as session:
         await session.until(lambda: bool(session.of(Reading)))
@@ -120,7 +120,7 @@ async def test_cue_drives_motor_and_led_until_a_newer_cue_starts() -> None:
 
 
 @in_virtual_time
-async def test_cue_that_fails_is_logged_and_the_next_one_is_played(
+async def test_failed_cue_is_logged_and_the_next_one_is_played(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "pointit.services.imu_bridge.ble.ble_source")
@@ -237,7 +237,7 @@ async def test_board_that_sends_zeros_is_named_and_reset() -> None:
 
 
 @in_virtual_time
-async def test_board_that_drops_each_connection_at_once_is_named_and_not_hammered() -> None:
+async def test_board_dropping_each_connection_is_named_and_not_hammered() -> None:
     async with worn(METAMOTION, SimulatedMetaMotion()) as session:
         await session.until(lambda: bool(session.of(Reading)))
         session.wrist.drops_at_once = True

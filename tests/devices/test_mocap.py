@@ -114,7 +114,7 @@ async def test_bodies_become_objects_and_a_moving_arm_gives_a_pose(
         await until(lambda: (watcher.figure("clock sigma") or 9.0) < 9.0)
 
 
-async def test_ground_truth_is_compared_with_the_localizer_and_changes_no_pose() -> None:
+async def test_ground_truth_is_compared_with_the_localizer_without_changing_poses() -> None:
     found = UserPose(stamp_ns=0, position_m=(1.3, 2.4, 0.0), yaw_rad=YAW_RAD + 0.1, method="static_targets")
     async with serving(server()) as port, running(port, truth=True) as (watcher, bus), moving_wrist(bus):
         await until(lambda: watcher.sees("anna") and watcher.objects[-1].objects[-1].yaw_rad is not None)

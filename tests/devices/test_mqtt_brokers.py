@@ -91,7 +91,7 @@ async def test_brokers_private_authority_is_trusted_by_file_or_variable(
     )
 
 
-async def test_the_certificate_of_the_server_alone_is_trusted_as_ca_file(tmp_path: Path) -> None:
+async def test_certificate_of_the_server_alone_is_trusted_as_ca_file(tmp_path: Path) -> None:
     with encrypting(tmp_path) as (port, _authority):
         assert await problem(broker=f"mqtts://localhost:{port}", ca_file=str(tmp_path / "server.pem")) == ""
 
@@ -119,7 +119,7 @@ async def test_own_authority_passes_the_strict_checks_of_python_3_13(
         ("192.168.1.5", 30.0, " is for other names ("),
     ],
 )
-async def test_a_certificate_that_is_not_accepted_is_told_with_its_fault(
+async def test_certificate_that_is_not_accepted_is_reported_with_its_fault(
     tmp_path: Path, host: str, days: float, said: str
 ) -> None:
     with encrypting(tmp_path, host, days=days) as (port, authority):
@@ -127,7 +127,7 @@ async def test_a_certificate_that_is_not_accepted_is_told_with_its_fault(
     assert text.startswith(f"the certificate of the broker at localhost:{port}{said}")
 
 
-async def test_a_certificate_for_another_purpose_is_not_told_to_lack_an_authority(tmp_path: Path) -> None:
+async def test_certificate_for_another_purpose_is_reported_as_unusable(tmp_path: Path) -> None:
     with encrypting(tmp_path, purpose=ExtendedKeyUsageOID.CLIENT_AUTH) as (port, authority):
         text = await problem(broker=f"mqtts://localhost:{port}", ca_file=str(authority))
     assert text.startswith(f"the certificate of the broker at localhost:{port} cannot be used (")
@@ -141,7 +141,7 @@ async def test_connection_by_address_to_a_tls_1_3_broker_succeeds(
         assert await problem(broker=f"mqtts://127.0.0.1:{port}", ca_file=str(authority)) == ""
 
 
-async def test_encryption_and_its_absence_are_told_when_they_do_not_match(tmp_path: Path) -> None:
+async def test_encryption_that_only_one_side_uses_is_reported(tmp_path: Path) -> None:
     with encrypting(tmp_path) as (port, _authority):
         plain = await problem(broker=f"localhost:{port}")
     assert f"localhost:{port} encrypts at this port: set `tls` (mqtts:// in front of its address)" in plain
@@ -168,7 +168,7 @@ async def test_a_broker_that_asks_for_a_client_certificate_says_so(
     assert caplog.messages == [], "the caller logs it, once"
 
 
-async def test_a_refused_client_identifier_is_among_the_causes_that_are_told(tmp_path: Path) -> None:
+async def test_refused_client_identifier_is_among_the_reported_causes(tmp_path: Path) -> None:
     with broker(tmp_path, options=f"{OPEN}clientid_prefixes home-\n") as port:
         assert "client identifiers that begin with pointit" in await problem(broker=f"localhost:{port}")
     with broker(tmp_path, options=f"{OPEN}clientid_prefixes pointit\n") as port:
@@ -256,7 +256,7 @@ def test_a_password_in_an_address_is_refused_and_not_shown(address: str) -> None
         ({"broker": "mqtt://a%40b@hub", "username": "a@b"}, ("hub", 1883), False, "a@b"),
     ],
 )
-def test_an_address_of_a_broker_may_be_a_url_in_every_parameter(
+def test_broker_address_may_be_a_url_with_tls_and_user(
     parameters: dict[str, Any], address: tuple[str, int], tls: object, username: str
 ) -> None:
     config = BrokerConfig.model_validate(parameters)

@@ -115,7 +115,7 @@ async def test_a_person_localizes_by_the_lamps_of_a_smart_home(port: int) -> Non
     assert sum(white in light.states for light in lights.values()) >= 3
 
 
-async def test_lamps_follow_their_newest_colour_and_go_off_at_the_end(port: int) -> None:
+async def test_lamps_follow_their_newest_colour_and_end_dark(port: int) -> None:
     async with overheard(port, "#") as heard:
         async with lamps_on(port) as (output, _health):
             for color in (RED, GREEN, (0, 127, 0)):
@@ -157,7 +157,7 @@ async def test_offline_lamp_is_reported_and_gets_its_colour_when_back(port: int)
             await until(lambda: "offline: desk, door;" in health.warnings.get(topic, ""), what="both")
 
 
-async def test_availability_in_the_words_of_other_makers_is_described_or_named(port: int) -> None:
+async def test_availability_in_other_makers_words_is_described_or_named(port: int) -> None:
     """A Tasmota lamp, and one whose hub sends words of its own."""
     tasmota = {"online": "Online", "offline": "Offline"}
     lamps = {"desk": {"availability": "tele/desk/LWT", **tasmota}, "door": {"availability": "hub/link"}}
@@ -258,7 +258,7 @@ async def test_a_run_that_is_killed_leaves_no_lamp_lit(port: int) -> None:
         await until(lambda: not lit(), what="dark lamps")
 
 
-async def test_lamp_lit_again_stays_lit_when_the_broker_notices_the_loss(
+async def test_lamp_lit_after_a_loss_is_not_darkened_by_wills(
     port: int,
 ) -> None:
     """The broker still has the connections of before when those of after come."""

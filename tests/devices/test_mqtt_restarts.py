@@ -121,7 +121,7 @@ async def test_switch_kept_off_by_another_target_is_shown_as_off(
         assert [text for text in caplog.messages if text.startswith("radio was on before the restart")]
 
 
-async def test_a_command_of_home_assistant_has_precedence_over_what_was_on(port: int) -> None:
+async def test_home_assistant_command_has_precedence_over_the_state_before(port: int) -> None:
     async with after_a_run(port) as heard, memory_bench() as bench:  # no selector switches it on again
         states = bench.collect(THING_STATES)
         async with published(port, bench) as watcher, aiomqtt.Client("127.0.0.1", port) as home:
@@ -194,7 +194,7 @@ async def test_home_assistant_gets_all_again_when_it_has_started(port: int) -> N
         await until(lambda: bool(told(heard, state_topic(bench).replace("radio", "screws"))), what="an event")
 
 
-async def test_the_state_of_a_switch_that_is_gone_is_taken_back(port: int) -> None:
+async def test_state_of_a_switch_that_is_gone_is_taken_back(port: int) -> None:
     """It is retained, and would be the first event of a button of that name."""
     async with after_a_run(port) as heard, memory_bench() as bench, published(port, bench) as watcher:
         watcher.on_map(room(thing("radio")))

@@ -65,7 +65,7 @@ async def until_retained(port: int, topic: str, payload: bytes) -> None:
         await until(lambda: bool(heard) and heard[-1][1] == payload, what=f"{topic} to be {payload!r}")
 
 
-async def test_the_broker_retains_that_a_run_which_was_killed_is_offline(
+async def test_broker_retains_that_a_killed_run_is_offline(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mqtt_things, "RETRY_S", 600.0)  # as if it did not come back
@@ -84,7 +84,7 @@ async def test_the_broker_retains_that_a_run_which_was_killed_is_offline(
         await until_retained(port, topic, b"offline")
 
 
-async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int) -> None:
+async def test_removed_things_announcement_is_withdrawn_even_after_a_restart(port: int) -> None:
     async with memory_bench() as bench, overheard(port, "homeassistant/#") as heard:
         async with published(port, bench) as watcher:
             watcher.on_map(ROOM)
@@ -125,9 +125,7 @@ async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> Non
         assert asked == [("radio", True), ("radio", False), ("radio", True)]
 
 
-async def test_a_command_that_the_broker_has_kept_is_of_another_time(
-    port: int, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_retained_command_is_ignored_as_old(port: int, caplog: pytest.LogCaptureFixture) -> None:
     async with memory_bench() as bench, overheard(port, "#"):
         topic = f"pointit/{bench.bus.site}/things/radio/set"
         async with aiomqtt.Client("127.0.0.1", port) as home:

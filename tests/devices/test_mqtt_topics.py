@@ -65,7 +65,7 @@ async def forwarding(packets: bytes) -> AsyncGenerator[tuple[dict[str, Any], lis
 
 
 @pytest.mark.parametrize("packet", INVALID.values(), ids=INVALID.keys())
-async def test_message_with_an_invalid_topic_is_ignored_and_the_connection_stays(
+async def test_message_with_an_invalid_topic_is_ignored_without_a_disconnect(
     packet: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     topics: list[str] = []
@@ -109,7 +109,7 @@ async def test_connection_that_ends_by_an_exception_leaves_no_socket(monkeypatch
         (None, "does not exist"),
     ],
 )
-def test_password_file_that_cannot_be_used_is_an_error_without_its_content(
+def test_unusable_password_file_is_an_error_without_its_content(
     tmp_path: Path, content: bytes | None, sentence: str
 ) -> None:
     file = tmp_path / "secret"

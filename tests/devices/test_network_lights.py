@@ -69,7 +69,7 @@ def mixed(strips: dict[str, list[Pixels]]) -> bytes:
     return b"".join(map(bytes, pixels))
 
 
-async def test_published_frames_arrive_pixel_for_pixel_on_any_part_of_two_outputs(
+async def test_published_frames_arrive_pixel_for_pixel_on_two_outputs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     published = Published(monkeypatch)
@@ -240,7 +240,7 @@ async def test_description_of_a_controller_is_read_up_to_its_limit(info: Chunks)
     assert server.sent < 16_000_000
 
 
-async def test_controller_in_the_network_is_found_beside_others_that_answer_nonsense(web_port: int) -> None:
+async def test_controller_is_found_beside_others_that_answer_nonsense(web_port: int) -> None:
     async with (
         await asyncio.start_server(write_garbage, "127.0.0.1") as garbage,
         await asyncio.start_server(write_for_ever, "127.0.0.1") as slow,

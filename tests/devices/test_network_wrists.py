@@ -125,7 +125,7 @@ async def test_trackers_that_call_are_found(node: tuple[str, str]) -> None:
     assert found.details["firmware"] == "emulated"
 
 
-async def test_person_with_a_tracker_selects_a_red_segment_of_scenario_3(node: tuple[str, str]) -> None:
+async def test_person_with_a_tracker_selects_a_red_scenario_3_segment(node: tuple[str, str]) -> None:
     port = free_udp_port()
     async with tracker(node, port) as emulated:
         event = await first_selected(f"slimevr:{MAC}", {"imu-bridge.slimevr.port": port}, emulated.turn)

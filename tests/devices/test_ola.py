@@ -72,7 +72,7 @@ def is_dark(slots: bytes) -> bool:
 
 
 @pytest.mark.parametrize("kind", ["e131", "artnet", "multicast"])
-async def test_each_frame_arrives_pixel_for_pixel_and_the_last_is_dark(ola: Ola, kind: str) -> None:
+async def test_frames_arrive_pixel_for_pixel_and_the_last_is_dark(ola: Ola, kind: str) -> None:
     chance = random.Random(kind)
     parameters = {"host": ola.address}
     if kind == "multicast":
@@ -90,7 +90,7 @@ async def test_each_frame_arrives_pixel_for_pixel_and_the_last_is_dark(ola: Ola,
         await ola.until(universe, is_dark)
 
 
-async def test_beam_of_a_moving_head_follows_the_cursor_of_scenario_3(
+async def test_beam_of_a_moving_head_follows_the_scenario_3_cursor(
     ola: Ola, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = SpotlightConfig(

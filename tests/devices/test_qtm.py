@@ -186,7 +186,7 @@ REMEDY = "use the little-endian port of QTM's RT output, 22223 by default"
     ],
     ids=["ssh", "http", "big-endian", "zeros", "small", "huge", "ends", "full"],
 )
-async def test_a_server_that_is_no_qtm_is_named_with_the_remedy(
+async def test_server_that_is_no_qtm_is_named_with_the_remedy(
     data: bytes,
     ends: bool,
     sentences: tuple[str, ...],
@@ -196,7 +196,7 @@ async def test_a_server_that_is_no_qtm_is_named_with_the_remedy(
         await until(lambda: all(map(watcher.warns, sentences)), what=lambda: f"{watcher.health}")
 
 
-async def test_a_silent_server_a_closed_port_and_an_old_version_are_named(
+async def test_silent_server_closed_port_and_old_version_are_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(qtm_client, "QTM_TIMEOUT_S", 0.5)
@@ -237,7 +237,7 @@ class Discovered(asyncio.DatagramProtocol):
         self.transport.sendto(struct.pack("<II", 8 + len(content), 1) + content, (addr[0], port))
 
 
-async def test_servers_are_found_by_a_search_with_the_options_that_choose_them() -> None:
+async def test_search_lists_servers_with_the_options_that_choose_them() -> None:
     loop = asyncio.get_running_loop()
     transport, _ = await loop.create_datagram_endpoint(Discovered, local_addr=("127.0.0.1", 0))
     found = await qtm_client.find_servers(3.0, [transport.get_extra_info("sockname")])

@@ -50,7 +50,7 @@ async def plugged(device: FakeDevice, packet: Callable[[], bytes]) -> AsyncGener
         await device.unplug()
 
 
-async def test_person_selects_with_a_wrist_of_each_format_on_one_port() -> None:
+async def test_person_selects_with_wrists_of_each_format_on_one_port() -> None:
     with contextlib.closing(PtyDevice()) as device:
         settings = {"conveyor-sim.feeder": ONLY_RED}
         run = pointit.run("scenario_3", imu=[f"serial:{device.path}"], settings=settings)

@@ -78,7 +78,7 @@ async def test_known_watch_streams_at_once_with_its_time_and_battery() -> None:
 
 
 @in_virtual_time
-async def test_watch_that_waits_for_approval_is_named_until_the_person_confirms() -> None:
+async def test_watch_waiting_for_approval_is_named_until_the_person_confirms() -> None:
     watch = SimulatedTouchSdkWatch("pending")
     async with worn(TOUCH_SDK, watch, rate_hz=RATE_HZ) as session:
         await session.until(lambda: "waits for approval" in session.health.warnings.get("link", ""))
@@ -92,7 +92,7 @@ async def test_watch_that_waits_for_approval_is_named_until_the_person_confirms(
 
 
 @in_virtual_time
-async def test_approval_without_a_frame_does_not_count_as_a_long_silence() -> None:
+async def test_approval_without_a_frame_counts_as_no_long_silence() -> None:
     watch = SimulatedTouchSdkWatch("pending")
     async with worn(TOUCH_SDK, watch, rate_hz=RATE_HZ) as session:
         await session.until(lambda: bool(session.health.warnings))
@@ -105,7 +105,7 @@ async def test_approval_without_a_frame_does_not_count_as_a_long_silence() -> No
 
 
 @in_virtual_time
-async def test_connection_that_is_never_approved_is_given_up_and_made_again() -> None:
+async def test_connection_that_is_never_approved_is_closed_and_made_again() -> None:
     async with worn(TOUCH_SDK, SimulatedTouchSdkWatch("pending"), rate_hz=RATE_HZ) as session:
         await asyncio.sleep(50.0)
         assert not session.of(Disconnected)
@@ -132,7 +132,7 @@ async def test_introduction_whose_write_fails_has_arrived_all_the_same(
 
 
 @in_virtual_time
-async def test_declined_connection_is_named_and_the_person_is_not_asked_again_soon() -> None:
+async def test_declined_connection_is_named_and_not_requested_again_soon() -> None:
     watch = SimulatedTouchSdkWatch("declined")
     async with worn(TOUCH_SDK, watch, rate_hz=RATE_HZ) as session:
         await session.until(lambda: bool(session.of(Disconnected)))
@@ -147,7 +147,7 @@ async def test_declined_connection_is_named_and_the_person_is_not_asked_again_so
 
 
 @in_virtual_time
-async def test_app_that_ends_disconnects_and_is_found_again_when_it_is_restarted() -> None:
+async def test_app_that_ends_is_disconnected_and_found_after_its_restart() -> None:
     watch = SimulatedTouchSdkWatch()
     async with worn(TOUCH_SDK, watch, rate_hz=RATE_HZ) as session:
         await session.until(lambda: len(session.of(Reading)) > 10)

@@ -250,9 +250,7 @@ async def test_order_of_another_master_is_shown_and_left_alone(port: int, node: 
         assert kinds == {"stateRequest"}
 
 
-async def test_agv_refuses_with_a_reason_when_off_or_in_manual_mode(
-    port: int, node: tuple[str, Path]
-) -> None:
+async def test_agv_refuses_with_a_reason_when_off_or_manual(port: int, node: tuple[str, Path]) -> None:
     async with steering(port) as steered:
         await until(
             lambda: "no AGV reports at uagv/v2/acme/7/state" in str(steered.lost), PATIENCE_S, "nobody"

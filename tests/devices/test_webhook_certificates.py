@@ -20,7 +20,7 @@ async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> 
     writer.close()
 
 
-async def test_a_certificate_that_is_not_trusted_is_told_and_can_be_trusted(
+async def test_untrusted_certificate_is_reported_and_can_be_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(targets, "PAUSES_S", ())

@@ -120,7 +120,7 @@ async def test_a_block_that_fails_is_named(text: str, problem: str, tmp_path: Pa
         await follow(text, tmp_path)
 
 
-async def test_blocks_of_a_page_share_a_shell_and_nothing_with_the_machine(tmp_path: Path) -> None:
+async def test_page_blocks_share_a_shell_isolated_from_the_machine(tmp_path: Path) -> None:
     shown = "```text\n1\nlo …\n```"
     await follow(
         f"```sh\nexport A=1\n```\n\n```sh\necho $A $POINTIT_DATA; ip -br link\n```\n\n{shown}", tmp_path

@@ -233,7 +233,7 @@ def picks(seed: int, number: int) -> list[tuple[str, str, float]]:
 
 
 @pytest.mark.usefixtures("_installed")
-def test_a_simulated_person_takes_boxes_and_puts_them_where_they_mean() -> None:
+def test_simulated_person_takes_boxes_and_puts_them_as_meant() -> None:
     assert [wanted == box for wanted, box, _ in picks(3, 2)] == [True, True]
 
 

@@ -51,7 +51,7 @@ def test_lamp_turns_green_when_something_is_selected() -> None:
     assert colors == [(0, 0, 0), (0, 0xC0, 0x40)]
 
 
-def test_train_is_selected_by_a_person_who_sees_it_on_the_strip() -> None:
+def test_train_is_selected_by_a_person_watching_the_strip() -> None:
     events: list[SelectionEvent] = []
 
     async def main() -> None:

@@ -12,7 +12,7 @@ from tests.support.running_source import phone_at, running
 SENT = struct.pack("<Iffff", 1500, 0.5, 0.5, -0.5, 0.5)  # ms, w, x, y, z
 
 
-async def test_a_datagram_is_a_reading_with_the_time_of_the_device() -> None:
+async def test_datagram_is_a_reading_with_the_devices_time() -> None:
     async with running(MY_WRIST) as wrist, phone_at(wrist.port) as phone:
 
         def is_read() -> bool:

@@ -36,7 +36,7 @@ async def test_an_insider_takes_nobodys_cursor_and_is_named(tmp_path: Path, acco
 
 
 @pytest.mark.parametrize("what", ["users/{}/claim", *DECLARATIONS])
-async def test_three_insiders_who_come_back_whenever_they_are_blocked_take_nobodys_cursor(
+async def test_three_insiders_returning_after_each_block_take_nobodys_cursor(
     tmp_path: Path, account: Account, what: str
 ) -> None:
     async with central_site(tmp_path) as site:

@@ -72,7 +72,7 @@ def test_a_difference_names_the_first_changed_key_with_both_counts() -> None:
     assert "also changed: users/anna/feedback" in difference(before, after)
 
 
-def test_order_and_hundredths_of_a_millimetre_count_and_last_digits_do_not() -> None:
+def test_comparison_ignores_last_digits_but_not_order_or_hundredths() -> None:
     assert not difference(hashes_of(pose(1.0)), hashes_of(pose(1.0 + 1e-9)))
     assert difference(hashes_of(pose(1.0)), hashes_of(pose(1.00002)))
     assert difference(hashes_of(pose(1.0), pose(2.0)), hashes_of(pose(2.0), pose(1.0)))

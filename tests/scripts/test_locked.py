@@ -11,7 +11,7 @@ from tests.scripts.test_scripts import PIP
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
 
 
-def test_a_locked_installation_fetches_uv_by_its_hash_where_it_is_missing(tmp_path: Path) -> None:
+def test_locked_installation_fetches_a_missing_uv_by_its_hash(tmp_path: Path) -> None:
     machine = Machine(tmp_path)
     machine.add("python3", PYTHON)
     (machine.root / "requirements").mkdir()

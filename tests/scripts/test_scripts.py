@@ -295,7 +295,7 @@ def record_scripts(machine: Machine) -> None:
         path.write_text(f'#!/bin/sh\necho "{name} $LOCKED $*" >> "$CALLS"\n', encoding="utf-8")
 
 
-def test_all_tests_but_those_of_the_night_run_in_one_pytest(machine: Machine) -> None:
+def test_all_tests_except_the_nightly_run_in_one_pytest(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.run("test", "--all")
     *_, call = machine.calls

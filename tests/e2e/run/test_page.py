@@ -75,17 +75,13 @@ async def test_ctrl_c_ends_it_with_a_page_open(commands: Commands, endpoint: str
 LAN = ("scenario_2", "--lan", "--set", "web.lan_port=0")
 
 
-async def test_page_on_this_machine_stays_in_the_process_of_the_run(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_page_for_this_machine_stays_in_the_runs_process(commands: Commands, endpoint: str) -> None:
     command = run(commands, endpoint, "scenario_2")
     await address_of(command)
     assert len(command.family()) == 1
 
 
-async def test_page_that_others_may_open_comes_back_when_its_process_is_killed(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_page_for_others_returns_when_its_process_is_killed(commands: Commands, endpoint: str) -> None:
     command = run(commands, endpoint, *LAN)
     url = await address_of(command)
     cookie, _ = await entered(url)
@@ -109,7 +105,7 @@ async def test_page_that_others_may_open_comes_back_when_its_process_is_killed(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-async def test_process_of_the_page_ends_with_a_run_that_ends_at_once(
+async def test_process_of_the_page_ends_with_its_run_at_once(
     commands: Commands, endpoint: str, number: signal.Signals
 ) -> None:
     command = run(commands, endpoint, *LAN)

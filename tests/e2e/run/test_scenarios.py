@@ -160,7 +160,7 @@ BAY_SELECTED = "1"
 BAY_REST = "3"
 
 
-async def test_red_packages_leave_at_bay_1_and_others_at_bay_3(commands: Commands, own_state: Path) -> None:
+async def test_red_packages_leave_at_bay_1_others_at_bay_3(commands: Commands, own_state: Path) -> None:
     ended = await commands.pointit(
         *("run", "scenario_4", "--speed", "3", "--duration", "75", "--no-view", "--json"), *listen(), code=0
     )

@@ -36,7 +36,7 @@ async def visit(url: str) -> None:
         await look_on(url, 1, VISIT_S)
 
 
-async def test_memory_files_threads_and_tasks_of_a_run_do_not_grow(
+async def test_run_does_not_grow_in_memory_files_threads_or_tasks(
     commands: Commands, endpoint: str, tmp_path: Path
 ) -> None:
     recording = tmp_path / "soak.mcap"

@@ -60,7 +60,7 @@ async def test_a_package_adds_any_kind(commands: Commands, installed: dict[str, 
     assert json.loads(stored.read_text()) == {"dwell_s": 0.2}
 
 
-async def test_strange_plugins_are_listed_and_one_with_a_fault_is_refused(
+async def test_third_party_plugins_are_listed_and_faulty_ones_refused(
     commands: Commands, installed: dict[str, str]
 ) -> None:
     ended = await commands.start_program("plugin", "list", "--json", environment=installed).end(code=0)

@@ -189,9 +189,7 @@ async def test_site_serves_people_of_failed_shards(commands: Commands, endpoint:
         await is_served_by(seen, "pui", "selector.anna")
 
 
-async def test_a_run_that_is_killed_while_it_starts_leaves_no_orphan(
-    commands: Commands, endpoint: str
-) -> None:
+async def test_run_that_is_killed_while_starting_leaves_no_orphan(commands: Commands, endpoint: str) -> None:
     run = commands.start(
         "run", "scenario_3", "--processes", "--no-view", "--duration", "600", "--listen", endpoint
     )

@@ -136,7 +136,9 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str) -> None
 
 
 @pytest.mark.long
-async def test_the_page_stays_in_view_and_the_run_goes_on_for_it(endpoint: str, tmp_path: Path) -> None:
+async def test_page_address_stays_visible_and_an_open_page_extends_runs(
+    endpoint: str, tmp_path: Path
+) -> None:
     page = ("--web-port", "0", "--no-browser", "--listen", endpoint)
     with terminal(80, 30, "run", own_scenario(tmp_path, 10), *page) as shown:
         await shown.shows("PointIt mine", "page: http://127.0.0.1:")

@@ -267,7 +267,7 @@ async def test_garbage_in_between_is_counted_and_does_no_harm(tmp_path: Path) ->
         assert bench.board.faults == []
 
 
-async def test_the_cursor_goes_with_the_imu_and_comes_back_with_it(tmp_path: Path) -> None:
+async def test_cursor_disappears_and_returns_with_the_imu(tmp_path: Path) -> None:
     async with whole_chain(tmp_path) as bench:
         await bench.until_shown(0, HOME_M)
         with bench.talker.lock:

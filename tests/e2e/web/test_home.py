@@ -193,7 +193,7 @@ def is_as_before(home: MemoryHome) -> bool:
     return (desk["state"], desk["attributes"]["brightness"], *off) == ("on", 100, "off", "off", "off")
 
 
-async def test_home_is_set_up_by_cards_and_goes_on_after_each_kill(browser: Browser, run: HomeRun) -> None:
+async def test_home_is_set_up_by_cards_and_continues_after_kills(browser: Browser, run: HomeRun) -> None:
     async with memory_home() as (home, port):
         site = await run.start()
         window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))

@@ -98,7 +98,7 @@ async def confirm(page: Page, done: Path, wanted: str, press: Callable[[], Await
     assert done.read_text(encoding="utf-8") == "d"  # noqa: ASYNC240 - as above
 
 
-async def test_by_keyboard_alone_a_thing_is_found_by_its_name_and_reacts(
+async def test_keyboard_alone_finds_a_thing_by_name_and_confirms_it(
     browser: Browser, commands: Commands, tmp_path: Path
 ) -> None:
     site, done = await site_with(commands, tmp_path, "page")

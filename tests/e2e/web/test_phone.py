@@ -53,7 +53,7 @@ async def sweeps_the_ray(phone: PhonePage, seen: Onlooker, patience_s: float = 3
 
 
 @pytest.mark.parametrize(("source", "scheme"), [("event", "http"), ("sensor", "https")])
-async def test_an_emulated_phone_moves_the_ray_by_as_much_as_it_turns(
+async def test_emulated_phone_moves_the_ray_by_its_own_turn(
     browser: Browser, shared_site: SitePage, source: Source, scheme: str
 ) -> None:
     async with shared_site.operator() as operator:
@@ -121,9 +121,7 @@ async def until_evaluated(phone: PhonePage, condition: str) -> None:
         await asyncio.sleep(0.05)
 
 
-async def test_out_of_sight_it_stops_and_a_tap_starts_it_again(
-    browser: Browser, shared_site: SitePage
-) -> None:
+async def test_hidden_phone_page_stops_and_a_tap_restarts_it(browser: Browser, shared_site: SitePage) -> None:
     phone = await PhonePage.open(browser, await address(shared_site))
     page = phone.page
     await phone.start()

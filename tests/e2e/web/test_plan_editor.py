@@ -51,7 +51,7 @@ async def press(page: Page, key: str, times: int = 1) -> None:
         await page.keyboard.press(key)
 
 
-async def test_a_strip_is_moved_undone_checked_and_saved_and_the_cursor_follows(
+async def test_strip_is_moved_undone_checked_and_saved_and_the_cursor_follows(
     browser: Browser, commands: Commands, tmp_path: Path
 ) -> None:
     page_is_built()

@@ -46,7 +46,7 @@ async def server(commands: Commands) -> AsyncIterator[Restarting]:
     yield Restarting(commands)
 
 
-async def test_it_comes_back_with_the_mouse_and_names_an_outdated_link(
+async def test_page_reconnects_with_the_mouse_and_names_an_outdated_link(
     browser: Browser, server: Restarting
 ) -> None:
     site = await server.start("the-same-as-before")

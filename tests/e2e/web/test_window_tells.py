@@ -171,7 +171,7 @@ async def test_plan_shows_an_unlit_strip_edged_rays_and_rings(
             assert contrast(color[edge], color[inner]) >= LEAST_CONTRAST, (edge, theme)
 
 
-async def test_at_200_percent_zoom_scene_and_controls_fit_beside_each_other(
+async def test_scene_and_controls_fit_side_by_side_at_200_percent(
     browser: Browser, shared_site: SitePage
 ) -> None:
     window = await Window.open(browser, shared_site.url, size=ZOOMED)

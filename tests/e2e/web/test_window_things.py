@@ -100,7 +100,7 @@ async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(browser: Browser, sha
     assert window.faults == []
 
 
-async def test_tile_of_a_thing_tries_it_and_shows_who_fired_it_last(
+async def test_tile_tries_its_thing_and_shows_who_fired_it_last(
     browser: Browser, shared_site: SitePage
 ) -> None:
     window = await Window.open(browser, shared_site.url, reduced_motion="reduce")
@@ -130,7 +130,7 @@ async def test_tile_of_a_thing_tries_it_and_shows_who_fired_it_last(
     assert window.faults == viewer.faults == []
 
 
-async def test_floor_is_coloured_by_what_is_told_apart_there_for_viewers_too(
+async def test_viewers_see_the_floor_coloured_by_things_told_apart(
     browser: Browser, shared_site: SitePage
 ) -> None:
     window = await Window.open(browser, shared_site.viewer_url)

@@ -209,7 +209,7 @@ async def canvas(window: Window) -> str:
     )
 
 
-async def test_the_scene_stands_in_the_room_where_three_things_were_touched(headset: Window) -> None:
+async def test_scene_in_the_headset_is_aligned_by_three_touched_things(headset: Window) -> None:
     page = headset.page
     await page.mouse.move(500, 450)
     await page.evaluate("addEventListener('wheel', () => (window.wheeled = true), true)")
@@ -249,7 +249,7 @@ async def test_hand_alignment_is_used_by_the_visit_after_lost_graphics(headset: 
     assert await is_aligned(headset)
 
 
-async def test_a_wearer_points_at_three_boxes_and_leaves_with_the_session(headset: Window) -> None:
+async def test_headset_fires_three_boxes_and_then_releases_the_arm(headset: Window) -> None:
     """The boxes of the shelf are .7 m apart, and seen from 3.5 m as others .4 m apart are from 2 m.
 
     Those are in `tests/integration/web/test_headset_selects.py`, with pinches and another person.

@@ -193,7 +193,7 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
         wait(lambda: dashboard.sees(USER_ALIVE.at(ANY)) != set(), "presence across both")
 
 
-async def test_the_operator_sees_who_was_refused_what_and_by_the_router_alone(tmp_path: Path) -> None:
+async def test_router_alone_reports_refused_messages_to_the_operator(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab")
     seen: dict[str, Health] = {}
     present: set[str] = set()

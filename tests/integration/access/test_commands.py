@@ -24,7 +24,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SiteFolder]:
         yield folder
 
 
-async def test_a_service_under_a_wrong_name_says_so_and_goes_on(site: SiteFolder, commands: Commands) -> None:
+async def test_service_under_a_wrong_name_reports_it_and_keeps_running(
+    site: SiteFolder, commands: Commands
+) -> None:
     folder = str(site.identity_folder("guest1"))
     service = commands.start("service", "run", "pointing", "--user", "anna", "--credentials", folder)
     await service.says("this identity (guest1) may not write users/anna/ray: use credentials of anna")
@@ -182,7 +184,7 @@ async def feed(bus: ZenohBus) -> None:
         ("anna", {"users/anna/imu"}, "this identity (anna) may not read"),
     ],
 )
-async def test_identity_records_what_it_may_read_and_says_what_it_may_not(
+async def test_identity_records_readable_topics_and_reports_the_others(
     *, identity: str, movements: set[str], denied: str, site: SiteFolder, commands: Commands, tmp_path: Path
 ) -> None:
     credentials = read_credentials(site.identity_folder("supervisor"), now())

@@ -287,7 +287,7 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
         assert all(thin.keys.count(key) <= min(most, full.keys.count(key)) for key in keys)
 
 
-async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tmp_path: Path) -> None:
+async def test_dashboard_queries_do_not_overtake_the_keys_they_use(tmp_path: Path) -> None:
     """By QUIC with a stream for each priority, every third dashboard's was dropped, and told as too long."""
     folder = make_site(tmp_path / "lab", dashboard_rate_hz=10.0)
     late = f"{topics.DEPLOYMENT.at(topics.ANY)}/@adv/**"

@@ -104,7 +104,7 @@ def longest_gap_s(writer: Member, reader: Member, for_s: float) -> float:
 
 
 @pytest.mark.long  # saturates both cores: beside other jobs it measures the machine, not the router
-def test_reader_that_is_stuck_and_writers_who_insist_hold_nobody_up(folder: SiteFolder) -> None:
+def test_stuck_reader_and_insistent_writers_hold_nobody_up(folder: SiteFolder) -> None:
     with RouterProgram("--site-folder", str(folder.path)), ExitStack() as stack:
         ally, onlooker, reader, *writers = (
             stack.enter_context(Member(folder, name))
@@ -148,7 +148,7 @@ def test_writes_above_the_rate_of_a_key_reach_nobody(folder: SiteFolder) -> None
         assert ear.keys.count(cursor) <= LATEST_HZ * took_s + 2
 
 
-async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteFolder) -> None:
+async def test_burst_loses_neither_events_nor_the_newest_state(folder: SiteFolder) -> None:
     """Zenoh drops what follows too soon; readers fetch it again."""
     count = 0
     burst = 20
@@ -229,7 +229,7 @@ async def test_eight_questions_for_past_events_at_once_are_answered(folder: Site
             await bus.close()
 
 
-def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: SiteFolder) -> None:
+def test_connections_beyond_an_identitys_limit_are_cut_and_named(folder: SiteFolder) -> None:
     more = 8
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
         site = [stack.enter_context(Member(folder, "services")) for _ in range(MAX_CONNECTIONS + more)]

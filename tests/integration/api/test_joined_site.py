@@ -108,7 +108,7 @@ def test_script_without_a_site_ends_with_one_sentence(endpoint: str) -> None:
     assert "zenoh" not in "".join(frames)
 
 
-async def test_the_run_that_is_joined_without_a_name_is_told_once(
+async def test_run_joined_without_an_address_is_named_once(
     home: ZenohBus, endpoint: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("pointit.api.connection.DEFAULT_ENDPOINT", endpoint)

@@ -122,7 +122,7 @@ def test_objects_and_lamps_of_a_script() -> None:
             lamp.set("red")
 
 
-def test_exception_in_a_loop_reaches_the_caller_and_ends_the_site() -> None:
+def test_loop_exception_reaches_the_caller_and_ends_the_site() -> None:
     def fail() -> None:
         with pointit.run("scenario_2", virtual=True) as site:
             for _cursor in site.cursors():
@@ -205,7 +205,7 @@ user:
 """
 
 
-def test_person_who_follows_a_quadrotor_is_found_within_the_stated_sigma(tmp_path: Path) -> None:
+def test_follower_of_a_quadrotor_is_located_within_the_stated_sigma(tmp_path: Path) -> None:
     path = tmp_path / "robots.yaml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pointit.run(path, localize="robot", virtual=True) as site:

@@ -438,7 +438,7 @@ async def test_a_mounting_is_found_shown_and_erased(site: Site, tmp_path: Path, 
             await asyncio.wait({life})
 
 
-async def test_an_arm_that_does_not_move_or_no_keyboard_is_one_sentence(site: Site, tmp_path: Path) -> None:
+async def test_still_arm_or_missing_keyboard_is_reported_in_one_sentence(site: Site, tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         arm = Arm(device)
         life = asyncio.create_task(arm.live())

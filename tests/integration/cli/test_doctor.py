@@ -104,7 +104,7 @@ async def test_an_expected_service_that_is_absent(site: Site) -> None:
     assert "pui of mine" not in ended.out
 
 
-async def test_a_killed_service_is_noticed_within_five_seconds_and_its_restart_heals(site: Site) -> None:
+async def test_killed_service_is_noticed_within_five_seconds_until_its_restart(site: Site) -> None:
     async with pointing_process(site) as process:
         delay_s = await start_delay_s(site.pointit)
         process.kill()

@@ -135,7 +135,7 @@ async def test_words_of_a_server_are_cut_and_without_controls() -> None:
     assert problem.isprintable()
 
 
-async def test_user_and_password_of_the_url_are_sent_as_basic_authorization() -> None:
+async def test_user_and_password_of_a_url_become_basic_authorization() -> None:
     with hostile_server(lambda _: [OK + b"\r\n"]) as server:
         url = server.url.replace("//", "//me:a%2Fb@")
         assert await failure_of(Webhook.parse(url), ACT) == ("", "")

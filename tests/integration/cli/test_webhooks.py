@@ -117,7 +117,7 @@ async def test_no_server_is_a_failure() -> None:
     assert "secret" not in sentence
 
 
-async def test_an_act_can_be_cancelled_before_the_answer_and_between_two_tries(
+async def test_act_can_be_cancelled_before_the_answer_and_between_tries(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(targets, "PAUSES_S", (1000.0,))
@@ -152,7 +152,7 @@ async def test_server_of_this_network_gets_the_request_whatever_the_proxy(
 
 
 @pytest.mark.parametrize("proxy", PROXIES.values(), ids=PROXIES.keys())
-async def test_proxy_that_cannot_be_used_is_a_failure_that_names_the_remedy(
+async def test_unusable_proxy_is_a_failure_that_names_the_remedy(
     monkeypatch: pytest.MonkeyPatch, proxy: str
 ) -> None:
     monkeypatch.setenv("ALL_PROXY", proxy)
@@ -162,7 +162,7 @@ async def test_proxy_that_cannot_be_used_is_a_failure_that_names_the_remedy(
     assert "or name its host in no_proxy" in sentence
 
 
-async def test_certificates_that_are_not_there_are_a_failure_that_names_the_variable(
+async def test_missing_certificates_are_a_failure_that_names_the_variable(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("SSL_CERT_FILE", "/nowhere/authority.pem")
@@ -178,7 +178,7 @@ async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("exception", ["[::1]", "::1, [2606:4700::5]", "*.example", "[fe80::1]:80"])
-async def test_addresses_in_no_proxy_do_not_stop_requests_by_the_proxy(
+async def test_no_proxy_entries_do_not_exempt_other_hosts(
     monkeypatch: pytest.MonkeyPatch, exception: str
 ) -> None:
     monkeypatch.setenv("no_proxy", exception)

@@ -88,7 +88,7 @@ async def test_nan_zeros_and_late_datagrams_are_dropped_and_named() -> None:
         await until(lambda: wrist.warnings.get("unreadable", "").startswith("2 packets of the tracker"))
 
 
-async def test_battery_is_told_when_it_changes_and_again_after_a_reconnection() -> None:
+async def test_battery_is_reported_on_change_and_after_a_reconnection() -> None:
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await connect(wrist, phone)
         for number, level in ((1001, 0.5), (1002, 0.5), (1003, 0.25)):
@@ -123,7 +123,7 @@ async def test_first_of_two_phones_without_a_mac_is_used(host: str, monkeypatch:
 
 
 @pytest.mark.skipif(not hasattr(socket, "SO_REUSEPORT"), reason="no port can be shared here")
-async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> None:
+async def test_people_share_a_port_and_get_their_own_phones_data() -> None:
     """By chance, a phone's datagrams would reach the right one of four sources in one of four cases."""
     port = free_udp_port()
     addresses = [f"127.0.0.{number}" for number in (2, 3, 4, 5)]

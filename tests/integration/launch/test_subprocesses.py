@@ -137,7 +137,7 @@ async def test_supervised_child_is_started_again(
     assert group.folder.exists()  # its log may be of interest
 
 
-async def test_supervised_child_is_not_started_again_when_its_parameters_are_refused(
+async def test_supervised_child_is_not_restarted_when_its_parameters_are_refused(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pointit.runtime.service.plugin_guard.FIRST_WAIT_S", 0.01)
@@ -265,7 +265,7 @@ def test_last_words(tmp_path: Path, log: str, words: str) -> None:
     assert last_log_error(tmp_path / "none.log") == ""
 
 
-def test_a_summary_that_cannot_be_written_is_found_before_the_run(tmp_path: Path) -> None:
+def test_summary_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path) -> None:
     check_writable(tmp_path / "new.json")
     (tmp_path / "old.json").write_text("{}")
     check_writable(tmp_path / "old.json")

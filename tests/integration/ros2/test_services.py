@@ -70,7 +70,7 @@ async def test_a_server_that_comes_while_a_call_waits_is_asked(a: Node, b: Node)
     assert number_of(await call) == 2
 
 
-async def test_call_times_out_without_server_on_wrong_hash_or_slow_answer(a: Node, b: Node) -> None:
+async def test_call_times_out_without_server_with_wrong_hash_or_late(a: Node, b: Node) -> None:
     a.backend.serve("/slow", ADD, never)
     a.backend.serve("/other", BOOL, add)
     await until(lambda: {"/slow", "/other"} <= {each.name for each in b.graph.endpoints})

@@ -62,7 +62,7 @@ class SlowReader:
         self.seen.append((name, message.seq))
 
 
-async def test_a_slow_reader_does_not_delay_others_and_gets_the_newest() -> None:
+async def test_slow_reader_delays_nobody_and_gets_the_newest() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     async with running_router((endpoint,)):
         writer = await ZenohBus.open(Link(connect=(endpoint,)), patience_s=30)

@@ -59,7 +59,7 @@ def pointing(endpoint: str) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_service_that_waits_for_its_router_ends_on_a_signal(number: int) -> None:
+def test_service_waiting_for_its_router_ends_on_a_signal(number: int) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with process(*pointing(endpoint)) as child:
         entry = json.loads(line_with(child, "nobody answers"))
@@ -77,7 +77,7 @@ def test_a_process_ends_while_a_listener_never_answers() -> None:
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-async def test_a_service_that_runs_ends_on_a_signal_and_is_gone(number: int) -> None:
+async def test_running_service_ends_on_a_signal_and_is_gone(number: int) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus = await ZenohBus.open(Link(listen=(endpoint,)))
     told: list[tuple[str, bool]] = []
@@ -217,7 +217,7 @@ def test_ctrl_c_once_more_does_not_stop_the_summary() -> None:
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> None:
+def test_router_prints_its_endpoint_and_ends_on_a_signal(number: int) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with process("-m", "pointit", "router", "--listen", endpoint) as router:
         assert router.stdout is not None

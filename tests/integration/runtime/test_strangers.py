@@ -142,7 +142,7 @@ async def test_thousands_of_questions_are_bounded_and_spare_the_loop(
     assert len(worked) > 50, "everybody else has turns between the answers"
 
 
-async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
+async def test_sample_is_decoded_once_for_all_readers_of_a_process(
     bus: ZenohBus, stranger: zenoh.Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decoded: list[object] = []

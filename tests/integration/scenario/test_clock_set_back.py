@@ -14,7 +14,7 @@ STEP_S = 0.02
 
 
 @pytest.mark.parametrize("back_s", [5.0, 3600.0])
-async def test_rays_go_on_within_three_seconds_after_the_clock_was_set_back(back_s: float) -> None:
+async def test_rays_continue_within_three_seconds_of_a_clock_set_back(back_s: float) -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:
         rays = bench.collect(RAY, "anna")

@@ -113,7 +113,7 @@ def final_error_deg(outcome: Outcome) -> float:
 
 
 @pytest.mark.slow
-def test_an_anchor_each_minute_holds_the_yaw_and_without_it_drifts_away() -> None:
+def test_anchor_each_minute_holds_a_yaw_that_drifts_without_it() -> None:
     outcome = three_minutes(2, *EVERY_MINUTE)
     assert len(outcome.anchors) == 3
     assert final_error_deg(outcome) < 10.0  # of a single person; the median of twenty is asserted below

@@ -47,7 +47,7 @@ def assert_kept(counts: list[int]) -> None:
 
 
 @pytest.mark.slow
-def test_things_below_the_strip_that_lights_them_are_hit_as_often_later(tmp_path: Path) -> None:
+def test_things_below_their_strip_are_hit_as_often_later(tmp_path: Path) -> None:
     assert_kept(activations(KITCHEN, tmp_path, minutes=3))
 
 

@@ -47,7 +47,7 @@ def test_two_lamps_at_one_place(tmp_path: Path) -> None:
     assert f"anna: refused: {reason}" in outcome.view[80]
 
 
-def test_somebody_who_does_not_point_is_refused_until_the_next_attempt() -> None:
+def test_person_who_does_not_point_is_refused_until_another_attempt() -> None:
     settings = ("user-sim.points_when_asked=false", "user-sim.press_pause_s=1")
     outcome = play("scenario_2", Choices(seed=1, localize=True, targets=3, settings=settings), 16.0)
     assert refusals(outcome)[0] in {step.reason for step in outcome.steps}

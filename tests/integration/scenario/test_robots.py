@@ -43,9 +43,7 @@ def test_quadrotor_lands_at_the_pointed_place_without_crossing_a_fence(
 
 @pytest.mark.parametrize(("seeds", "duration_s"), SOME)
 @pytest.mark.slow
-def test_people_send_a_rover_along_paths_by_the_light_of_strips(
-    seeds: Iterable[int], duration_s: float
-) -> None:
+def test_people_send_a_rover_along_paths_by_strip_light(seeds: Iterable[int], duration_s: float) -> None:
     off_m: list[float] = []
     for seed in seeds:
         flights = play_robots("scenario_6", duration_s, seed=seed)

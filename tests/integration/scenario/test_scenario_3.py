@@ -21,7 +21,7 @@ def assert_all_red_and_no_other(outcome: Outcome, taken_back: int = 0) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_the_person_selects_every_red_segment_and_no_other_in_60_s(seed: int) -> None:
+def test_person_selects_exactly_the_red_segments_within_60_s(seed: int) -> None:
     assert_all_red_and_no_other(play("scenario_3", Choices(seed=seed, settings=ALL_PASS)))
 
 
@@ -57,7 +57,7 @@ def test_person_without_light_finds_no_cursor_and_presses_in_vain() -> None:
 
 
 @pytest.mark.slow
-def test_scenario_2_leads_the_cursor_along_both_strips_from_end_to_end() -> None:
+def test_scenario_2_leads_the_cursor_along_both_whole_strips() -> None:
     outcome = play("scenario_2", Choices(seed=1))
     for strip in ("0", "1"):
         along = np.array([c.position_m for c in outcome.cursors if c.surface_id == strip])
@@ -72,7 +72,7 @@ def packages(seed: int, settings: Sequence[str] = (), users: Sequence[str] = ())
     return [(outcome.kinds[name], round(at_s, 2)) for name, at_s in outcome.fed_s.items()]
 
 
-def test_the_seed_of_a_run_decides_which_packages_come_and_when() -> None:
+def test_seed_of_a_run_decides_which_packages_come_and_when() -> None:
     first = packages(1)
     again = packages(1)
     other = packages(2)
@@ -83,6 +83,6 @@ def test_the_seed_of_a_run_decides_which_packages_come_and_when() -> None:
 
 
 @pytest.mark.slow
-def test_a_seed_set_for_the_conveyor_alone_holds_whatever_the_run_has() -> None:
+def test_conveyors_own_seed_has_precedence_over_the_runs_seed() -> None:
     chosen = ("conveyor-sim.seed=5",)
     assert packages(1, chosen) == packages(2, chosen, (USER,))

@@ -25,9 +25,7 @@ async def hall(monkeypatch: pytest.MonkeyPatch) -> AsyncGenerator[Hall]:
 
 
 @pytest.mark.parametrize("is_frozen", [False, True])
-async def test_a_router_that_dies_between_claim_and_decision_loses_no_event(
-    hall: Hall, *, is_frozen: bool
-) -> None:
+async def test_router_dying_between_claim_and_decision_loses_no_event(hall: Hall, *, is_frozen: bool) -> None:
     """Frozen, it has the claims of both and no decision when it dies."""
     have_claimed = False
     for _ in range(3):

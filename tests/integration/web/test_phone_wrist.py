@@ -183,7 +183,7 @@ async def lost_arm(socket: ClientConnection) -> str:
     return str(cue["text"])
 
 
-async def test_phone_is_notified_when_the_mouse_takes_and_releases_the_arm() -> None:
+async def test_phone_is_notified_when_a_mouse_takes_and_releases_control() -> None:
     async with room() as site, phone(site) as socket:
         await socket.send(turn(held(0.0)))
         await until(lambda: site.person["moved_by"] == "phone")

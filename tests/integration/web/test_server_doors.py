@@ -147,7 +147,7 @@ def test_unsafe_configuration_is_refused(parameters: dict[str, str], sentence: s
         Web.validate_config(WebConfig.model_validate(parameters))
 
 
-def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_container_may_listen_at_all_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
     published = WebConfig(host="0.0.0.0", published_port=8091)  # noqa: S104 - its engine's affair
     monkeypatch.setattr(access, "CONTAINER_MARKS", ())
     monkeypatch.delenv(access.CONTAINER, raising=False)

@@ -207,7 +207,7 @@ async def test_status_is_diagnosed_once_for_all_pages(monkeypatch: pytest.Monkey
         assert diagnosed <= max(new_statuses()) + 1, "the last one may be on its way"
 
 
-async def test_viewers_that_open_too_many_pages_at_a_time_are_refused(
+async def test_viewers_that_open_too_many_pages_at_once_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(page_session, "VIEWERS_OPENED_HZ", 0.001)

@@ -61,7 +61,7 @@ def test_library_of_foxglove_and_lichtblick_reads_every_channel(read: Read, path
     assert found["schemas"]["users/anna/imu"].startswith("ImuSample.v")
 
 
-def test_recording_that_was_cut_off_is_read_as_far_as_it_goes(read: Read, path: Path) -> None:
+def test_truncated_recording_is_read_as_far_as_it_goes(read: Read, path: Path) -> None:
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     found = read(f"{path}", "--stream")

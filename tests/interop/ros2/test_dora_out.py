@@ -111,7 +111,7 @@ def name_of(row: Any, user: str = "user1") -> str:
     return str(row.ros).replace("{user}", user).replace("{led}", "led_0")
 
 
-async def test_the_graph_has_every_route_with_its_type_hash_and_quality(place: Site, seen: Seen) -> None:
+async def test_graph_has_every_route_with_its_type_hash_and_quality(place: Site, seen: Seen) -> None:
     lamp = seen.bus.publisher(ours.LAMP_COLOR, "led_0")
     await place.dora.sees("user1%metawear_ros")
     lamp.put(LampColor(stamp_ns=1, color=(0, 0, 0)))

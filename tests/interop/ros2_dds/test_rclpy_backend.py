@@ -55,7 +55,7 @@ def pose(x: float) -> dict[str, Any]:
     }
 
 
-async def test_a_pose_goes_out_every_time_and_is_read_by_them(pair: Pair) -> None:
+async def test_every_published_pose_arrives_and_is_read_by_rclpy(pair: Pair) -> None:
     await pair.ours.do("advertise", topic="/user1/pointing_ray", type=POSE, depth=200)
     await pair.theirs.do("listen", topic="/user1/pointing_ray", type=POSE, depth=200)
     await pair.see("subscriber", "/user1/pointing_ray")

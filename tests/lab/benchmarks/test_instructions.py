@@ -51,7 +51,7 @@ def test_bytecodes_are_counted_by_their_place() -> None:
     assert counts[1] > counts[0]
 
 
-def test_only_what_is_counted_between_the_marks_is_divided_by_the_samples(
+def test_counts_between_the_marks_are_divided_by_the_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     valgrind = tmp_path / "valgrind"

@@ -42,7 +42,7 @@ def test_costs_are_those_of_the_rows_that_delivered() -> None:
     assert costs(rows(100.0, is_old=True), "cpu_share_of_a_core")["sample"].value == pytest.approx(140.0)
 
 
-def test_a_commit_without_the_figures_of_now_is_compared_by_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commit_with_older_figures_is_compared_by_those_it_has(monkeypatch: pytest.MonkeyPatch) -> None:
     ratios = {"ratio_to_direct": {"p50": 2.0, "p99": 3.0}}
     latency = {"one_process": ratios, "separate_processes": ratios}
     here: dict[str, Any] = {"latency": latency, "users": rows(100.0), "users_apart": rows(120.0)}

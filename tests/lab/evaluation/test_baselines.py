@@ -28,7 +28,7 @@ def test_perfect_rays_give_the_true_pose(
     assert math.degrees(guess.yaw_rad) == pytest.approx(stand.yaw_deg, abs=0.5)
 
 
-def test_an_elevation_bias_becomes_metres_with_the_floor_fixed_and_height_without(tmp_path: Path) -> None:
+def test_elevation_bias_becomes_metres_with_a_fixed_floor_only(tmp_path: Path) -> None:
     stand = Stand(yaw_deg=10.0, bias_deg=8.0)
     pointings = window(tmp_path, stand).pointings
     fixed = baselines.mean_angle_z0(pointings)

@@ -95,7 +95,7 @@ def test_more_samples_of_a_hold_do_not_lower_it() -> None:
     assert np.median(many) == pytest.approx(np.median(few), rel=0.01)
 
 
-def test_a_bias_that_differs_from_trial_to_trial_is_one_unknown() -> None:
+def test_bias_that_differs_between_trials_is_one_unknown() -> None:
     """It costs something, but far less than errors of that size at each lamp."""
     drawn = np.random.default_rng(5).normal(0.0, 8.0, 60).tolist()
     unbiased = [held(seed, 5, bias_deg=-4.0, noise_deg=0.2) for seed in range(60)]

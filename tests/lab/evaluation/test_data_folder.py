@@ -89,7 +89,7 @@ def test_damaged_index_is_refused_in_one_sentence(tmp_path: Path, raw: bytes) ->
     assert len(str(caught.value)) < 600
 
 
-def test_an_index_that_is_no_file_or_too_long_is_refused(tmp_path: Path) -> None:
+def test_index_that_is_no_file_or_too_long_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no such file"):
         read_index(tmp_path)
     (tmp_path / "index.json").write_bytes(b" " * 10_000_001)

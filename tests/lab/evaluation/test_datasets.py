@@ -58,7 +58,7 @@ def test_rays_that_miss_the_floor_are_left_out(tmp_path: Path) -> None:
     assert min(len(trial.pointings) for trial in trials if trial.condition == "1 s") < whole
 
 
-def test_without_the_height_of_the_eyes_it_is_below_the_marker(tmp_path: Path) -> None:
+def test_missing_eye_height_is_derived_from_the_marker(tmp_path: Path) -> None:
     path = write_track(tmp_path, STAND).parent / "index.json"
     index = json.loads(path.read_text())
     del index["files"][1]["eye_height_guess_m"]

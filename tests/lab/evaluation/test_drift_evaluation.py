@@ -125,7 +125,7 @@ def test_simulated_people_are_within_3_degrees_after_three_minutes(hundred: list
 
 
 @pytest.mark.parametrize("leap", ["in motion", "at rest", "after the last anchor"])
-def test_a_leap_of_the_yaw_makes_nobody_worse_off_than_anchoring_again(hundred: list[Row], leap: str) -> None:
+def test_leap_of_the_yaw_is_no_worse_than_with_reanchoring(hundred: list[Row], leap: str) -> None:
     for usual in (drift_simulated.USUAL, f"{drift_simulated.USUAL}, quiet IMU"):
         condition = f"{usual}, leap {leap}"
         told, again = (find(hundred, condition, solver) for solver in ("pointit, rests", "re-anchored"))
@@ -136,7 +136,7 @@ def test_a_leap_of_the_yaw_makes_nobody_worse_off_than_anchoring_again(hundred: 
             assert median(told) < 4.0
 
 
-def test_a_pointing_beside_is_followed_in_doubt_until_the_next_anchor(hundred: list[Row]) -> None:
+def test_wrong_anchor_is_followed_in_doubt_until_the_next_one(hundred: list[Row]) -> None:
     """It looks like a leap, which is followed at once; the stated uncertainty has both."""
     wrong = find(hundred, drift_simulated.WRONG_ANCHOR, "pointit, rests")
     assert median(wrong) <= 1.1 * median(find(hundred, drift_simulated.WRONG_ANCHOR, "re-anchored"))
@@ -147,7 +147,7 @@ def test_a_pointing_beside_is_followed_in_doubt_until_the_next_anchor(hundred: l
         assert within(find(hundred, after, solver)) >= 0.9
 
 
-def test_with_a_known_place_the_filter_is_as_good_as_can_be() -> None:
+def test_filter_is_near_the_bound_when_the_place_is_known() -> None:
     ways = drift_simulated.DriftPersonModel(place_sigma_m=0.01, bent_arm_share=0.0)
     errors = [
         drift_simulated.outcome(seed, ways, drift_simulated.ANCHORS_S)["pointit"][0] for seed in range(150)

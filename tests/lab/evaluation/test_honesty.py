@@ -257,7 +257,7 @@ def test_the_cursor_misses_what_an_honest_covariance_states(
         assert row.miss_sigma_m == pytest.approx(0.5, abs=1e-3)
 
 
-def test_people_are_drawn_until_a_row_has_as_many_as_it_needs() -> None:
+def test_people_are_drawn_until_a_row_has_enough() -> None:
     size = Size(people=2, rooms=1, windows=1, taken=5)
     (none,) = (each for each in injections.INJECTIONS if each.name == injections.NONE)
     first = judged_sources(sources_of(followers([0, 1]), [], [none], 1), jobs=1, tick=lambda _done, _of: None)

@@ -143,7 +143,7 @@ def test_each_solver_has_its_row(rows: list[Row]) -> None:
     assert all(row.taken is None for row in rows if row.solver != OURS)
 
 
-def test_a_bias_is_metres_for_the_original_and_none_for_ours(rows: list[Row]) -> None:
+def test_bias_is_metres_for_the_original_but_not_for_ours(rows: list[Row]) -> None:
     ours = row(rows, subject="all", condition="8 s", solver=OURS)
     original = row(rows, subject="all", condition="8 s", solver="mean-angle-z0")
     assert there(ours.position_m).median < 0.3 < there(original.position_m).median
@@ -225,7 +225,7 @@ def test_parallel_map_that_is_closed_early_ends_its_workers() -> None:
     assert within(time.monotonic() - began, 40.0)  # nobody slept to the end
 
 
-def test_no_thread_of_the_pool_is_left_for_the_end_of_python() -> None:
+def test_closed_parallel_map_leaves_no_thread_behind() -> None:
     """There it would be woken by a pipe that it may be closing: a traceback from `threading._shutdown`."""
     before = set(threading.enumerate())
     work = map_parallel(time.sleep, [0.0, 50.0, 50.0, 50.0], 2)
@@ -245,7 +245,7 @@ def test_a_process_that_dies_is_told_in_a_sentence() -> None:
         list(map_parallel(os._exit, [3], 1))
 
 
-def test_a_pose_of_less_time_than_the_localizer_waits_is_not_taken() -> None:
+def test_pose_followed_for_less_than_the_localizer_waits_is_refused() -> None:
     (follower,) = followers([8])
     (short,), (long,) = (list(follower.trials((seconds,)))[:1] for seconds in (1.4, 10.0))
     assert isinstance(judged(long.pointings), Solution)

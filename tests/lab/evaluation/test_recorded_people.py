@@ -88,7 +88,7 @@ def test_arm_that_came_late_is_not_taken(windows: list[LocalizationTrial], hangs
     assert wrong <= 0.03 * len(windows)
 
 
-def test_arm_that_is_held_still_while_the_robot_moves_is_not_taken(windows: list[LocalizationTrial]) -> None:
+def test_still_arm_is_refused_when_the_robot_moves(windows: list[LocalizationTrial]) -> None:
     rng = np.random.default_rng(1)
     for trial in windows:
         rays = trial.pointings.directions
@@ -228,7 +228,7 @@ def test_recorded_arms_with_a_sensor_turned_on_them_are_refused(turn: str) -> No
 
 @pytest.mark.parametrize("degrees", [-150, -120, -60, 60, 120, 150])
 @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)], ids=["pitch", "yaw"])
-def test_no_recorded_arm_is_taken_silently_whose_sensor_is_turned_far(
+def test_recorded_arms_with_far_turned_sensors_are_not_accepted_silently(
     axis: tuple[float, float, float], degrees: int
 ) -> None:
     """Turned by 60 degrees about its own vertical it still rises by half with the arm: some are taken."""

@@ -130,7 +130,7 @@ def test_few_trials_tell_nothing() -> None:
     assert differences_of(few) == []
 
 
-def test_every_pair_in_every_condition_and_intervals_widen_with_their_number() -> None:
+def test_pairs_are_compared_in_each_condition_with_widened_intervals() -> None:
     a = scores([0, 0, 1] * 20)
     b = scores([1, 0, 1] * 20)
     groups = {(condition, name): of for condition in (FIRST, SECOND) for name, of in (("a", a), ("b", b))}

@@ -34,7 +34,7 @@ def outcome(score: Score) -> tuple[object, ...]:
     return (score.took_s, score.right_s, score.toggles, score.wrong, score.missed, score.simulated_s)
 
 
-def test_the_same_seed_gives_the_same_trial_and_another_does_not() -> None:
+def test_trial_is_the_same_for_the_same_seed_only() -> None:
     first = outcome(run(trial(STATIC)))
     assert outcome(run(trial(STATIC))) == first
     assert outcome(run(trial(STATIC, seed=1))) != first
@@ -61,7 +61,7 @@ def test_frames_are_drawn_only_for_eyes_that_are_due() -> None:
     assert score.frames < 0.9 * score.simulated_s * USUAL.eyes_hz  # fewer while the arm rests
 
 
-def test_people_do_not_take_ends_of_their_packages_for_their_cursor(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_people_do_not_mistake_ends_of_their_packages_for_cursors(monkeypatch: pytest.MonkeyPatch) -> None:
     """Once several packages of theirs move by, their ends have the cursor's colour and move as it may."""
     shown: list[Vec3 | None] = []
     away_m: list[float] = []
@@ -113,7 +113,7 @@ def test_run_is_over_when_exactly_the_wanted_things_are_selected() -> None:
     assert (score.toggles, score.wrong, score.missed, score.took_s) == (4, 1, 0, [4.0])
 
 
-def test_on_the_conveyor_only_what_leaves_at_the_right_bay_counts() -> None:
+def test_conveyor_trial_counts_packages_leaving_at_the_right_bay_only() -> None:
     two = replace(FEW, targets=2)
     watch = TrialRecorder(two, stage_of(two, (0, 0, 0)))
     entered_ns = {"1": START_NS, "2": START_NS + NS_PER_S}
@@ -141,7 +141,7 @@ def test_rows_are_the_same_with_however_many_processes() -> None:
     assert rows(1) == rows(2)
 
 
-def test_with_the_original_settings_people_take_as_long_as_the_paper_groups() -> None:
+def test_people_with_original_settings_take_as_long_as_the_papers() -> None:
     """The published median is 2.2 s for one of three packages; all six conditions are for the command."""
     few = condition(LAB, "static, 1 of 3")
     took_s = sorted(run(trial(few, "original", seed)).took_s[0] for seed in range(25))

@@ -93,7 +93,7 @@ def session(path: Path, *parts: Iterable[Entry]) -> str:
     return str(write(path, [room(), *entries]))
 
 
-def test_localizations_by_lamps_are_solved_again_and_compared_with_the_tracker(tmp_path: Path) -> None:
+def test_localizations_by_lamps_are_recomputed_and_compared_with_the_tracker(tmp_path: Path) -> None:
     anna = Stand(x=0.3, y=0.2)
     ben = Stand(x=-1.0, y=0.5, yaw_deg=-70.0)
     path = session(
@@ -153,7 +153,7 @@ def test_robot_follower_is_scored_by_windows_of_arm_motion_alone(tmp_path: Path)
     assert rows["8 s"]["yaw_deg"]["median"] < 1.0
 
 
-def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None:
+def test_yaw_is_true_from_a_tracker_that_knows_it(tmp_path: Path) -> None:
     stand = Stand(x=0.3, y=0.2, yaw_deg=35.0)
     true = models.UserPose(
         stamp_ns=at(0.0), position_m=(0.3, 0.2, 0.0), yaw_rad=math.radians(40.0), method="external"
@@ -221,7 +221,7 @@ def test_each_person_counts_once_and_methods_are_compared_within_people() -> Non
     assert other.without_one == pytest.approx((2.0, 2.0))
 
 
-def test_one_person_who_carries_a_comparison_is_shown_by_leaving_one_out() -> None:
+def test_leaving_one_out_shows_a_person_who_carries_a_comparison() -> None:
     errors = {"anna": 0.1, "ben": 0.1, "carla": 0.1, "dora": 0.1}
     rows = [row(name, "pointit", each) for name, each in errors.items()]
     rows += [row(name, "other", 1.6 if name == "dora" else each) for name, each in errors.items()]

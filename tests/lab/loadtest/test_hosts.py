@@ -98,7 +98,7 @@ def test_a_plain_router_joins_the_one_above(tmp_path: Path) -> None:
     assert json.loads(config.get_json("connect/endpoints")) == ["tcp/198.18.0.2:7447"]
 
 
-def test_a_secured_router_has_the_sites_rules_at_its_own_port(tmp_path: Path) -> None:
+def test_secured_load_router_has_site_rules_at_its_own_port(tmp_path: Path) -> None:
     pytest.importorskip("cryptography")
     site, credentials = secured_site(tmp_path / "site", "lab", 7447, ["127.0.0.1", "198.18.0.6"])
     made = secured_configuration(site, ["tls/198.18.0.6:7447"], 9000)
@@ -130,7 +130,7 @@ class Links(NamespaceNetwork):
         return [*self.program, f"{index}", *command]
 
 
-async def test_a_counter_that_fails_is_an_error_and_not_an_empty_link() -> None:
+async def test_failing_counter_is_an_error_instead_of_an_empty_link() -> None:
     with pytest.raises(ConfigError, match=r"link of host 2 could not be counted, .* exit code 1: see"):
         await Counters.start(Links(tree(2, 2, 2), "tcp"))
 

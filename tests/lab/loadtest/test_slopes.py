@@ -93,7 +93,7 @@ def test_each_part_has_its_slopes() -> None:
     assert found["site"].cpu_percent["per_person"].value == pytest.approx(0.5)
 
 
-def test_a_machine_that_could_not_send_all_samples_does_not_count() -> None:
+def test_machine_that_sent_too_few_samples_does_not_count() -> None:
     whole = [result(1, users) for users in (4, 8, 16)]
     late = replace(result(1, 16), users=32)
     found = slopes([*whole, late])[2]
@@ -133,7 +133,7 @@ def test_people_are_spread_evenly_over_hosts_only() -> None:
     assert spread(names, tree(2, 3, 2)) == {1: ["load0", "load2", "load4"], 2: ["load1", "load3"]}
 
 
-def test_shards_serve_the_people_of_their_host_and_are_observed_there() -> None:
+def test_shards_serve_and_observe_the_people_of_their_host() -> None:
     made = host_groups(load(central=False), 3, tree(2, 3, 2))
     assert [[one.name for one in groups] for groups in made.values()] == [["site", "people 1"], ["people 2"]]
     (site, first), (second,) = made.values()

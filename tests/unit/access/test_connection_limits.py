@@ -52,7 +52,7 @@ def test_identities_that_serve_all_and_unknown_ones_have_no_limit(account: str) 
         assert limits.excess(connections(account, 50), ROLES) == ([], {})
 
 
-def test_connection_whose_identity_becomes_known_late_is_as_old_as_it_is() -> None:
+def test_connection_keeps_its_age_when_its_identity_becomes_known_late() -> None:
     """On sites by passwords the name is known after the first decision on a connection."""
     limits = ConnectionLimits(1)
     first, second = connections("lab/anna", 2)
@@ -78,7 +78,7 @@ def test_quic_connections_beyond_the_limit_are_named_with_a_remedy() -> None:
         assert ("2500 a second" in messages["lab/dashboard1"]) == bool(loads)
 
 
-def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
+def test_flood_of_one_identity_is_cut_off_for_a_while() -> None:
     limits = ConnectionLimits()
     everybody = [*connections("lab/anna", 2), *connections("lab/ben", 2, 50)]
     loads = {"lab/anna": FLOOD, "lab/ben": Load(messages=1400.0), "lab/services": FLOOD}

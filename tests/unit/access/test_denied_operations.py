@@ -133,7 +133,7 @@ def test_dropped_message_is_not_too_long_when_lines_are_missing() -> None:
     assert denied.take_sentences(10.0) == {}
 
 
-def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
+def test_lines_with_a_count_are_counted_that_often() -> None:
     refused = TracedOperations()
     count = 7000
     write = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
@@ -149,7 +149,7 @@ def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:
     assert (refused.denied.total, refused.sizes()) == (count, {"lab/anna": 2 * count + 1})
 
 
-def test_identity_of_a_new_connection_is_reported_at_once_and_once() -> None:
+def test_identity_of_a_new_connection_is_reported_once_at_once() -> None:
     """Only the log names those of a site by passwords."""
     refused = TracedOperations()
     for connection in ("12ab", "12ab", "34cd"):
@@ -167,7 +167,7 @@ def test_identity_that_writes_too_often_is_named() -> None:
     assert told == MANY.format("button 1001")
 
 
-def test_questions_with_long_names_are_one_entry_each_identity_and_begin() -> None:
+def test_queries_with_long_names_are_one_entry_and_all_counted() -> None:
     denied = TracedOperations()
     for number in range(300):
         key = f"pointit/lab/{'x' * 200}{number}"
@@ -204,7 +204,7 @@ def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -
     return f"{head}{THINNED}: Push(pointit/lab/{key}) {flow}:south:0:client/{connection}:1"
 
 
-def test_writes_that_are_dropped_as_too_frequent_are_counted_and_named() -> None:
+def test_writes_dropped_as_too_frequent_are_counted_and_named() -> None:
     name = "12ab34cd" * 4
     known = f"{ANNA.replace('12ab', name)} is authorized to Put (ingress) on pointit/lab/users/anna/claim"
     refused = TracedOperations()
@@ -256,7 +256,7 @@ def test_denials_of_revoked_certificates_hide_none_of_valid_ones() -> None:
     assert refused.denied.revoked == {}, "the former one was connected, and does nothing now"
 
 
-def test_ambiguous_start_of_a_connection_is_resolved_by_decisions_on_the_key() -> None:
+def test_ambiguous_start_of_a_connection_is_resolved_by_other_decisions() -> None:
     verdict = "is authorized to Put (ingress) on pointit/lab/users/anna/claim"
     known = [
         f"{ANNA.replace('12ab', connection)} {verdict}".replace("anna", person)
@@ -438,7 +438,7 @@ def shown_to(recent: RecentDenials, site: str) -> tuple[str, ...]:
     return tuple(each.sentence for each in recent.of(site))
 
 
-def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
+def test_newest_denial_of_each_identity_is_shown_for_a_while() -> None:
     recent = RecentDenials()
     recent.add({"lab/anna": "lab/anna may not a", "hall/ben": "hall/ben may not b"}, 0.0)
     recent.add({"": "somebody", "lab/carla": "lab/carla may not c"}, 1.0)

@@ -137,7 +137,7 @@ def test_flood_of_writes_is_cut_off_after_two_seconds(rate_hz: float) -> None:
     stalls_s=st.lists(st.floats(0.0, LEASE_S), min_size=1, max_size=60),
     kind=st.sampled_from(["messages", "requests", "internal requests"]),
 )
-def test_identity_below_the_limit_is_not_cut_off_when_its_link_stalls(
+def test_identity_below_the_limit_stays_when_its_link_stalls(
     rates_hz: list[float], stalls_s: list[float], kind: str
 ) -> None:
     """A stall delivers late, and at once, what was sent meanwhile."""
@@ -179,7 +179,7 @@ def test_sixteen_viewers_who_return_at_once_are_never_cut_off(
     assert cut_off_s(loads) == math.inf
 
 
-def test_viewers_may_return_at_once_each_time_the_router_opens_again() -> None:
+def test_viewers_may_return_at_once_after_each_router_start() -> None:
     identity_load = IdentityLoad(0.0)
     for second in range(1, 6):
         identity_load.allow_start()
@@ -245,7 +245,7 @@ def flooded(identity_load: IdentityLoad, now_s: float) -> None:
     assert identity_load.step(now_s, Load(messages=BURST + MAX_HZ * FORGIVEN_S)) is Decision.CUT_OFF
 
 
-def test_identity_stays_out_longer_each_time_and_is_forgiven_at_last() -> None:
+def test_identity_stays_out_longer_each_time_until_it_is_forgiven() -> None:
     identity_load = IdentityLoad(0.0)
     now_s = 1.0
     holds_s: list[float] = []
@@ -269,7 +269,7 @@ def test_identity_that_has_ended_its_flood_is_let_in_again() -> None:
         assert decision is (Decision.HOLD if second < 1.0 + HOLD_S else Decision.ALLOW)
 
 
-def test_attack_is_told_once_with_its_size_when_it_has_ended() -> None:
+def test_attack_is_reported_once_with_its_size_at_its_end() -> None:
     identity_load = IdentityLoad(0.0)
     identity_load.step(1.0, Load(messages=1400.0))
     for number in range(1, 21):

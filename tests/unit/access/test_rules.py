@@ -92,7 +92,7 @@ def test_each_right_grants_its_own_test(role: Role) -> None:
     assert permits(rules, "put", "ingress", "pointit/lab/@may/anna/joins")
 
 
-def test_dashboards_write_and_answer_nothing_and_ask_for_what_was_shown_only() -> None:
+def test_dashboards_read_what_is_shown_and_write_or_answer_nothing() -> None:
     rights = rights_of("dashboard", "dashboard1")
     assert (rights.writes, rights.serves, rights.keeps, rights.announces) == ((), (), (), ())
     assert rights.asks == (topics.STOP_ROBOT.at(topics.ANY),)
@@ -106,7 +106,7 @@ SEVERAL = ("web", "web.2", "web.11", "webcam", "pui", "foxglove", "pointing.web"
     ("role", "names", "allowed"),
     [("services", ("robot.quad", "robot", "robots", "keeper.quad", "pointing.quad"), 2), ("web", SEVERAL, 3)],
 )
-def test_each_of_several_reports_and_is_present_under_names_of_its_own(
+def test_process_with_several_instances_reports_under_its_own_names_only(
     role: Role, names: tuple[str, ...], allowed: int
 ) -> None:
     rules = rules_of("lab", role, rights_of(role, role))
@@ -118,7 +118,7 @@ def test_each_of_several_reports_and_is_present_under_names_of_its_own(
 
 
 @given(name=NAMES)
-def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str) -> None:
+def test_ros_bridge_may_stand_for_people_unlike_the_web(name: str) -> None:
     def may(role: Role, message: str, key: str) -> bool:
         return permits(rules_of("lab", role, rights_of(role, role)), message, "ingress", f"pointit/lab/{key}")
 
@@ -186,7 +186,7 @@ def test_every_row_of_the_tables_has_a_limit() -> None:
     assert limit("put", "pointit/lab/anything/at/all") == 1024 * 1024
 
 
-def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
+def test_each_persons_key_is_thinned_by_its_own_rule() -> None:
     made = configuration([routed(dashboard_rate_hz=20.0)])
     people, history, thinned = made["downsampling"]
     keys = [rule["key_expr"] for rule in thinned["rules"]]
@@ -199,7 +199,7 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     assert configuration([routed()])["downsampling"] == [people, history]
 
 
-def test_each_key_of_a_person_but_samples_and_rays_has_a_rate() -> None:
+def test_each_persons_key_except_imu_and_ray_has_a_rate() -> None:
     people, _history = configuration([routed()])["downsampling"]
     assert (people["messages"], people["flows"]) == (["put"], ["ingress"])
     assert "link_protocols" not in people
@@ -267,7 +267,7 @@ def test_person_whose_name_begins_like_a_runs_tells_no_deployment() -> None:
 
 
 @pytest.mark.parametrize("role", [role for role in ROLES if role != "dashboard"])
-def test_history_may_be_queried_by_readers_of_selection_events_except_viewers(role: Role) -> None:
+def test_history_is_readable_for_selection_readers_except_viewers(role: Role) -> None:
     rights = rights_of(role, "foxglove")  # the name of a service, for the role of single services
     reads, asks = ({ALL, row.at()} for row in (SELECTION_EVENTS, READ_HISTORY))
     assert reads & set(rights.reads)

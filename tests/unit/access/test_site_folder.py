@@ -285,7 +285,7 @@ def test_certificate_that_expires_soon_causes_a_warning(tmp_path: Path) -> None:
     assert "router has a new certificate" in site_command("renew", "--folder", path).output
 
 
-def test_passwords_which_do_not_end_are_kept_when_certificates_are_renewed(tmp_path: Path) -> None:
+def test_passwords_are_kept_when_the_routers_certificate_is_renewed(tmp_path: Path) -> None:
     path = str(tmp_path / "lab")
     site_command(*f"init lab --folder {path} --days 20 --guests 0 --users anna --password".split())
     users = tmp_path / "lab" / "router" / "users.txt"

@@ -65,7 +65,7 @@ def test_sample_of_the_pinned_version_is_read_completely(*, with_configuration: 
     assert counts.rejected == {"came without credentials, by plain TCP instead of TLS": 1}
 
 
-def test_lines_on_the_rules_of_a_connection_are_told_by_their_begin() -> None:
+def test_lines_about_rules_are_recognised_by_their_start_only() -> None:
     lines = SAMPLE.read_bytes().split(b"\n")
     skipped = [line for line in lines if is_configuration(line)]
     assert len(skipped) == 8

@@ -201,7 +201,7 @@ def test_agv_is_not_shown_by_a_retained_state_of_yesterday(
     assert (places(fleet, now_ns), fleet.problem) == ({}, "")
 
 
-def test_agv_that_is_off_is_not_shown_by_an_earlier_state() -> None:
+def test_agv_that_is_off_is_hidden_despite_an_earlier_state() -> None:
     fleet = fleet_of()
     fleet.on_message(topic("connection"), GONE, YESTERDAY_NS + 40 * NS_PER_S)
     fleet.on_message(topic("state"), STATE, YESTERDAY_NS + 40 * NS_PER_S)

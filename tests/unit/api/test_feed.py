@@ -125,7 +125,7 @@ def _quick_to_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     [((CURSOR, "anna"), 3), ((POSE, "anna"), 0), ((CURSOR, None), 3), ((SELECTION_EVENTS, None), 3)],
     ids=["one person's", "one state", "everybody's", "events"],
 )
-async def test_unreadable_messages_end_only_a_loop_over_what_one_name_writes(
+async def test_unreadable_messages_end_a_loop_over_one_writer_only(
     bus: MemoryBus,
     site: Site,
     row: tuple[AnyTopic, str | None],
@@ -202,7 +202,7 @@ class FastClock(VirtualClock):
     speed = 4.0
 
 
-def test_durations_are_of_the_sites_time_and_time_limits_are_not() -> None:
+def test_durations_follow_site_time_but_time_limits_do_not() -> None:
     async def never(_query: SetSpeed, _name: str) -> Done:
         await asyncio.Event().wait()
         raise AssertionError

@@ -47,7 +47,7 @@ def test_old_timeout_of_joining_a_site_is_accepted() -> None:
         open_site("no address", patience_s=1.0)
 
 
-async def test_old_names_of_a_subscription_do_what_the_new_ones_do() -> None:
+async def test_deprecated_subscription_options_do_the_same_as_new_ones() -> None:
     async with memory_bench() as bench:
         bus = ServiceBus(bench.bus, bench.clock, "counter", "counter")
         subscribe: Callable[..., Any] = bus.subscribe

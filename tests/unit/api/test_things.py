@@ -218,7 +218,7 @@ def test_script_waits_for_the_map_and_reports_its_absence() -> None:
                 act()
 
 
-def test_tutorial_ends_with_a_sentence_when_the_map_lacks_a_thing(
+def test_tutorial_ends_with_a_sentence_when_the_map_lacks_things(
     script: Shop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextlib.contextmanager
@@ -261,7 +261,7 @@ def test_function_may_use_the_site_and_close_it(script: Shop) -> None:
 
 
 @in_virtual_time
-async def test_the_return_of_a_function_that_carries_acts_is_their_result() -> None:
+async def test_return_of_a_carrying_function_is_the_acts_result() -> None:
     async with shop() as (site, bench):
         results: list[ActResult] = bench.collect(ACT_RESULTS)
         carriers: list[str] = []
@@ -369,7 +369,7 @@ def test_traceback_of_a_wrong_name_hides_the_sites_thread(site: SyncSite) -> Non
     assert [frame.name for frame in told.traceback[1:]] == ["iterating", "call", "run"]
 
 
-def test_error_of_a_site_hides_the_library_error_that_caused_it() -> None:
+def test_site_error_hides_the_library_error_behind_it() -> None:
     async def fail() -> None:
         raise ConnectError("nobody answers") from OSError(111, "refused")
 

@@ -106,7 +106,7 @@ def test_pose_is_doubted_for_scatter_but_not_for_one_outlier() -> None:
     assert calibrate_user.rejection_reason([]) == ""
 
 
-def test_a_pointing_that_counts_though_it_was_not_accepted_is_said() -> None:
+def test_pointing_that_counts_although_not_accepted_is_reported() -> None:
     taken = anchor(0, 0.0, 0.0, 0.0)
     rejected = anchor(1, 4.0, 0.0, 0.0).model_copy(update={"accepted": False, "reason": "it is 30° off"})
     _, rows = calibrate_user.assess([taken, rejected], 0)
@@ -193,7 +193,7 @@ def test_a_pose_shows_its_error_where_motion_capture_knows_it() -> None:
     assert "true error" not in "".join(pose_text.lines(pose_text.fields(known, 2 * S)))
 
 
-async def test_true_pose_is_that_of_the_tracker_that_sees_the_person() -> None:
+async def test_true_pose_is_from_the_tracker_that_sees_the_person() -> None:
     async with memory_bench() as bench:
         truth = LatestTruth(bench.bus, "anna")
         seen = (("mocap", "anna", "person_frame"), ("robot", "cup", "red"), ("camera", "anna", "person"))

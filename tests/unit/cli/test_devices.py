@@ -163,7 +163,7 @@ def test_json_has_addresses_labels_and_details() -> None:
 
 @pytest.mark.parametrize("package", [("blocks finds hangs raises", "adapter nonsense spaced")], indirect=True)
 @pytest.mark.usefixtures("package")
-def test_search_that_fails_or_hangs_is_named_and_delays_no_other() -> None:
+def test_failed_or_hanging_search_is_named_and_delays_no_other() -> None:
     tables = json.loads(run("--json").stdout)
     assert [row["name"] for row in tables["wrists"]] == ["finds", "finds"]
     assert [row["name"] for row in tables["lights"]] == ["spaced"]
@@ -180,7 +180,7 @@ def test_search_that_fails_or_hangs_is_named_and_delays_no_other() -> None:
 
 @pytest.mark.parametrize("package", [("adapter nothing", "adapter raises")], indirect=True)
 @pytest.mark.usefixtures("package")
-def test_without_devices_it_says_so_and_why_a_search_could_not_run() -> None:
+def test_absent_devices_and_failed_searches_are_reported() -> None:
     shown = run()
     assert shown.stdout == (
         "No wrists found.\nNo outputs found.\nNo robots found.\nNo motion capture servers found.\n"

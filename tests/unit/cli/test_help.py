@@ -148,7 +148,7 @@ def test_an_address_that_was_not_typed_is_told(typed: list[str], told: str) -> N
     assert str(CliRunner().invoke(_asks, typed).exception) == told
 
 
-async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
+async def test_long_wait_is_announced_and_a_short_one_is_not(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with notify_if_slow("waiting for the map …"):
@@ -229,7 +229,7 @@ def plain(tmp_path: Path) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("plain")
-def test_plug_ins_of_each_kind_are_listed_without_importing_their_modules() -> None:
+def test_plugins_are_listed_by_kind_without_importing_their_modules() -> None:
     group = front()
     with click.Context(group):
         rows = {row["use"]: row for row in plugins().rows if row["package"] == PACKAGE}

@@ -41,9 +41,7 @@ def test_first_start_writes_an_empty_home_and_runs_it(tmp_path: Path, arguments:
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
-def test_edit_begins_with_the_first_card_and_keeps_what_is_set_up(
-    tmp_path: Path, arguments: list[str]
-) -> None:
+def test_edit_starts_at_the_first_card_and_keeps_the_setup(tmp_path: Path, arguments: list[str]) -> None:
     files = HomeFiles(tmp_path)
     files.state.write(StoredSetup(step="done", url="http://ha:8123", lamps=(ChosenLamp(id="light.a"),)))
     CliRunner().invoke(home.command, ["--folder", str(tmp_path), "--edit"], standalone_mode=False)

@@ -170,7 +170,7 @@ def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize(("name", "lacks"), [("foxglove", "foxglove"), ("web", "starlette")])
-def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, lacks: str) -> None:
+def test_help_of_a_service_works_before_its_extra_is_installed(name: str, lacks: str) -> None:
     script = f"import sys; sys.modules[{lacks!r}] = None; from pointit.__main__ import begin; begin()"
 
     def run(option: str) -> tuple[int, str, str]:
@@ -191,7 +191,7 @@ def test_underscores_do_for_hyphens() -> None:
     assert group.resolve_command(click.Context(group), ["led_driver", "-x"]) == ("led-driver", bare, ["-x"])
 
 
-def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
+def test_bad_service_parameter_names_source_field_and_value() -> None:
     words = "service run pointing --user anna --stale-after-s soon"
     done = python("-m", "pointit", *words.split())
     assert done.returncode == 2
@@ -229,7 +229,7 @@ def with_command(folder: Path, module: str, line: str, source: str = WAVES) -> G
         yield
 
 
-def test_command_of_a_package_is_shown_without_an_import_and_called(tmp_path: Path) -> None:
+def test_command_of_a_package_is_listed_unimported_and_called(tmp_path: Path) -> None:
     with with_command(tmp_path, "stranger_waves", "wave = stranger_waves:wave"):
         info = tmp_path / "strangers_parts-1.0.dist-info"
         with (info / "METADATA").open("a", encoding="utf-8") as file:

@@ -96,7 +96,7 @@ def test_a_map_in_a_text_is_read(graph: Graph, tmp_path: Path, name: str, argume
     assert CliRunner().invoke(command, ["map", "check", str(path), "--strict"]).exit_code == 0
 
 
-def test_a_text_whose_lines_are_all_indented_is_the_same_map(graph: Graph) -> None:
+def test_text_with_all_lines_indented_is_the_same_map(graph: Graph) -> None:
     graph.has({"map": ROOM})
     plain = fetch()
     sections = ROOM.partition("\n")[2]
@@ -204,7 +204,7 @@ def test_warnings_are_told_and_the_map_is_written(graph: Graph) -> None:
     assert yaml.safe_load(result.stdout) == {"lamps": {"door": {"position": [0.0, 0.0, 6.0]}}}
 
 
-def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp_path: Path) -> None:
+def test_clouds_are_read_beside_the_written_file(graph: Graph, tmp_path: Path) -> None:
     graph.has({"clouds.shelf.file": "shelf.xyz"})
     path = tmp_path / "site.yaml"
     result = fetch("-o", str(path))

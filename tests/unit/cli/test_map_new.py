@@ -50,7 +50,7 @@ def test_a_new_room_has_no_findings(width: str, depth: str, lamps: int, strips: 
     assert all(abs(x) == float(width) / 2 or abs(y) == float(depth) / 2 for x, y, _ in points)  # on a wall
 
 
-def test_without_a_terminal_defaults_hold_and_the_next_commands_are_printed() -> None:
+def test_defaults_hold_without_a_terminal_and_next_commands_are_printed() -> None:
     result = room("own.yaml")
     assert result.output.splitlines() == [
         "own.yaml: no findings; 2 strips with 258 pixels, 4 lamps",

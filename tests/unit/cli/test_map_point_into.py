@@ -67,7 +67,7 @@ async def pointing_person(bench: Bench) -> AsyncGenerator[PointingSession]:
     yield session
 
 
-async def test_imported_things_get_their_centers_and_the_site_uses_them_at_once(file: Path) -> None:
+async def test_imported_things_get_centers_that_the_site_uses_at_once(file: Path) -> None:
     used: list[str] = []
 
     async def use_map(query: UseMap, _name: str) -> UseMapReply:
@@ -88,7 +88,7 @@ async def test_imported_things_get_their_centers_and_the_site_uses_them_at_once(
     assert b"  c: {home_assistant: light.c, label: Lamp c}" in content_of(file)
 
 
-async def test_site_with_a_shipped_map_is_reported_to_use_another_file(
+async def test_site_with_a_shipped_map_reportedly_uses_another_file(
     file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     async def use_map(_query: UseMap, _name: str) -> UseMapReply:
@@ -127,7 +127,7 @@ async def test_thing_that_was_removed_meanwhile_loses_no_positions(file: Path) -
     assert content_of(file) == MINE
 
 
-def test_names_that_are_no_things_or_are_placed_otherwise_are_refused(file: Path) -> None:
+def test_unknown_or_otherwise_placed_things_are_refused(file: Path) -> None:
     file.write_text(file.read_text() + "  cart: {at: object, home_assistant: light.d}\n")
     for name, sentence in (("aa", "has no thing 'aa'"), ("cart", "cart has `at`, which says where it is")):
         result = CliRunner().invoke(command, ["map", "point", "anna", name, "--into", str(file)])

@@ -55,9 +55,7 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("floor_m", [STOOD[2], None])
-async def test_two_ends_from_one_place_give_a_map_its_origin_and_heading(
-    file: Path, floor_m: float | None
-) -> None:
+async def test_two_ends_from_one_place_give_origin_and_heading(file: Path, floor_m: float | None) -> None:
     content, room = point.read(file)
     ends = point.ends_in(room, ["door", "desk:first"] if floor_m else ["door", "desk:first", "shelf:last"])
     told: list[str] = []
@@ -102,7 +100,7 @@ def test_ends_are_those_of_the_first_and_last_pixel(file: Path) -> None:
         point.ends_in(room, ["shelf"])
 
 
-def test_ends_that_do_not_tell_where_the_person_stands_are_refused(file: Path) -> None:
+def test_ends_that_do_not_determine_the_standpoint_are_refused(file: Path) -> None:
     _, room = point.read(file)
     ends = point.ends_in(room, ["shelf:first", "shelf:last"])
     rng = np.random.default_rng(1)

@@ -97,7 +97,7 @@ def test_no_home_directory_is_one_sentence_with_both_remedies(
 
 @pytest.mark.usefixtures("homeless")
 @pytest.mark.parametrize("text", ["~/x.mcap", "~nobody-here/x.mcap"])
-def test_a_path_in_a_home_directory_that_is_missing_is_refused(text: str) -> None:
+def test_path_in_a_missing_home_directory_is_refused(text: str) -> None:
     refused = rf"^{text}: there is no such home directory; set HOME, or write the path$"
     with pytest.raises(ConfigError, match=refused):
         expand_home(text)

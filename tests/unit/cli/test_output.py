@@ -134,7 +134,7 @@ def test_a_narrow_terminal_does_without_the_roomy_columns(*, width: int, shown: 
     assert ("detail" in text.getvalue()) is shown
 
 
-def test_a_list_before_a_pager_is_as_wide_as_the_terminal() -> None:
+def test_list_before_a_pager_is_as_wide_as_the_terminal() -> None:
     leader, terminal = pty.openpty()
     try:
         fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))

@@ -11,7 +11,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import OptionalPart, load_object, present
 
 
-def test_each_part_is_there_and_of_the_type_of_its_table() -> None:
+def test_each_part_exists_with_the_type_of_its_table() -> None:
     run = present(RUN_PARTS)
     display = present(DISPLAY_PARTS)
     assert [len(run), len(display)] == [len(RUN_PARTS), len(DISPLAY_PARTS)]

@@ -39,7 +39,7 @@ router.command([])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there may be no limit, or none that is raised")
-def test_it_may_have_as_many_files_open_as_the_system_lets_it() -> None:
+def test_command_may_open_as_many_files_as_the_system_permits() -> None:
     started = python("-c", STARTS_WITH_FEW_FILES)
     assert (started.stdout, started.stderr) == ("True\n", "")
 
@@ -148,7 +148,7 @@ def test_own_identity_is_shown_without_the_site_folder(site: SiteFolder, tmp_pat
     assert visible_rows(None, None, NOW) == []
 
 
-def test_a_folder_around_it_broken_or_of_another_site_does_no_harm(site: SiteFolder, tmp_path: Path) -> None:
+def test_broken_or_foreign_folder_does_not_spoil_the_visible_rows(site: SiteFolder, tmp_path: Path) -> None:
     other = SiteFolder(tmp_path / "hall")
     other.create(site.state().model_copy(update={"site": "hall"}), {"operator": "operator"}, NOW)
     credentials = read_credentials(site.identity_folder("operator"), NOW)

@@ -45,7 +45,7 @@ def test_it_is_short_where_nobody_listens(monkeypatch: pytest.MonkeyPatch, proto
     assert found_s == pytest.approx(REFUSED_TIMEOUT_S)
 
 
-def test_it_is_long_where_somebody_listens_at_one_of_the_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_link_timeout_is_long_when_any_address_listens(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         busy = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         dead = f"tcp/127.0.0.1:{free_port()}"

@@ -169,7 +169,7 @@ def test_unknown_keys_get_one_sentence(typed: str, said: str) -> None:
         (topics.SET_FEEDING, "feeding=on", True),
     ],
 )
-def test_lists_need_no_brackets_and_switches_are_typed_as_people_say_it(
+def test_lists_need_no_brackets_and_switches_accept_on_and_off(
     request_row: topics.Request[Any, Any], typed: str, value: object
 ) -> None:
     others = ["speed_mps=0.2"] if request_row is topics.SET_SPEED else []
@@ -308,7 +308,7 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
 
 
 @pytest.mark.parametrize("key", ["objects/*", "users/anna/pose"])
-async def test_rates_of_objects_or_poses_come_with_the_errors_of_poses(
+async def test_rates_of_objects_or_poses_come_with_pose_errors(
     key: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     async with memory_bench() as bench:

@@ -109,7 +109,7 @@ async def test_capture_in_simulated_time_is_compared_in_wall_time() -> None:
 
 @pytest.mark.parametrize(("own", "service"), [((), "pui.hall"), (("pui.anna",), "pui.anna")])
 @in_virtual_time
-async def test_a_hop_is_of_the_service_in_the_process_that_published_it(
+async def test_hop_belongs_to_the_service_in_the_publishing_process(
     own: tuple[str, ...], service: str
 ) -> None:
     wire, tracer = await begun()
@@ -124,7 +124,7 @@ async def test_a_hop_is_of_the_service_in_the_process_that_published_it(
 
 
 @in_virtual_time
-async def test_before_reports_and_without_stamps_presence_and_arrival_have_to_do() -> None:
+async def test_hop_without_reports_or_stamps_uses_presence_and_arrival() -> None:
     wire, tracer = await begun()
     for instance in ("pui", "user-sim.anna", "user-sim.ben"):
         wire.set_service(instance)

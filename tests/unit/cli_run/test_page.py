@@ -48,7 +48,7 @@ def page_with(*settings: str, **asked: Any) -> Page:
     return page_of(Settings(settings=settings), asked={"port": 0, **asked})
 
 
-def test_the_address_has_the_port_and_the_token_of_who_may_control() -> None:
+def test_page_address_has_the_port_and_the_operators_token() -> None:
     made = page_with()
     config = made.config
     address = urlsplit(made.url)
@@ -84,7 +84,7 @@ def test_without_a_wish_the_next_port_is_taken(monkeypatch: pytest.MonkeyPatch) 
     assert PORT == 8090
 
 
-def test_a_port_that_was_asked_for_and_is_taken_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requested_port_that_is_taken_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_port()
     with socket.create_server(("127.0.0.1", port)):
         sentence = refused(monkeypatch, "dashboard", "--port", str(port), kind=ListenError)
@@ -123,7 +123,7 @@ def test_port_in_the_host_is_that_of_the_page() -> None:
     assert page.url.startswith(f"http://127.0.0.1:{port}/")
 
 
-def test_a_page_that_is_passed_on_is_told_where_it_is_opened() -> None:
+def test_published_port_is_in_the_address_of_the_page() -> None:
     made = page_with(published_port=4321)
     assert made.url.startswith("http://127.0.0.1:4321/?token=")
     assert made.config.port != 4321
@@ -137,7 +137,7 @@ def test_an_ipv6_host_stands_in_brackets() -> None:
     assert made.url.startswith("http://[::1]:")
 
 
-def test_people_are_where_the_scenario_or_the_command_line_puts_them() -> None:
+def test_people_are_placed_by_the_scenario_or_the_command_line() -> None:
     scenario = read_scenario("scenario_4")
     told = places(scenario, Choices(poses=[None, FloorPose(x_m=1.0, y_m=2.0, yaw_deg=30.0)], localize=True))
     assert told["user1"] == scenario.places[0].model_dump()
@@ -205,7 +205,7 @@ def test_page_of_a_secured_site_has_its_own_process(tmp_path: Path) -> None:
     assert RunPage(page_with()).needs_own_process(link)
 
 
-def test_run_imports_no_server_when_the_page_has_its_own_process() -> None:
+def test_run_imports_no_server_when_the_page_is_another_process() -> None:
     script = (
         "import sys; from types import SimpleNamespace as Bus\n"
         "from pointit.cli.page import RunPage; from pointit.launch.page import page_of\n"
@@ -364,7 +364,7 @@ def test_run_keeps_the_stored_link_without_new_link(
     assert any("--new-link does not change" in note for note in plans[-1].notes)
 
 
-def test_a_bad_name_is_refused_before_the_site_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_name_is_refused_before_the_site_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     def look_round(*_: object) -> None:
         raise AssertionError("looked for the site")
 
@@ -380,7 +380,7 @@ def test_a_wrong_port_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
 LINK = "http://127.0.0.1:8090/?token=of-the-operator"
 
 
-def test_link_file_exists_with_the_page_and_redirects_to_its_first_link() -> None:
+def test_link_file_exists_with_the_page_and_redirects_there() -> None:
     with page_link_file("lab", LINK, "", "https://192.168.1.5:8443/?token=x") as path:
         assert path is not None
         text = path.read_text(encoding="utf-8")
@@ -400,7 +400,7 @@ def test_only_a_terminal_is_shown_the_token(
     assert where(LINK, None).startswith("http://127.0.0.1:8090/")
 
 
-def test_terminal_without_a_view_shows_the_token_that_the_log_hides(
+def test_terminal_without_a_view_shows_the_token_hidden_in_logs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")

@@ -275,7 +275,7 @@ def test_a_person_without_a_pose_needs_no_table() -> None:
     assert "stands at" not in "\n".join(shown(monitor))
 
 
-def test_errors_of_poses_are_shown_where_motion_capture_knows_the_true_ones() -> None:
+def test_pose_errors_are_shown_when_motion_capture_knows_the_truth() -> None:
     monitor = localized()
     (user,) = monitor.people()
     assert not any("error of the pose" in line for line in shown(monitor, parts=[TRUTH_DISPLAY]))

@@ -110,7 +110,7 @@ def test_media_player_is_the_speaker_of_home_assistant() -> None:
         assert "selector.method=estimate" in added.settings
 
 
-def test_the_speaker_of_this_machine_is_a_service_with_a_language(
+def test_speaker_of_this_machine_is_a_service_with_a_language(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     options = {"announce": "speaker", "language": "de"}

@@ -150,7 +150,7 @@ def test_people_without_a_pose_stand_at_places_of_the_scenario() -> None:
     assert Choices().of_one(2) == Choices()
 
 
-def test_simulated_pose_of_a_localized_person_is_given_to_no_service() -> None:
+def test_simulated_pose_of_a_localized_person_is_kept_from_services() -> None:
     choices = Choices(localize=True, poses=(FloorPose(x_m=1.0, y_m=2.0),))
     services = person(choices)
     assert services["user-sim"]["position_m"] == (1.0, 2.0, 0.0)
@@ -175,7 +175,7 @@ def test_targets_go_to_the_localizer() -> None:
         person(Choices(targets=3))
 
 
-def test_the_default_person_stays_and_the_localized_one_is_as_people_are() -> None:
+def test_localized_simulated_person_drifts_and_corrects_unlike_the_default() -> None:
     plain = person(Choices())["user-sim"]
     localized = person(Choices(localize=True))["user-sim"]
     assert (plain["wristband"]["yaw_rate_bias_sd_degps"], plain["anchor_when_off_deg"]) == (0.05, 0.0)

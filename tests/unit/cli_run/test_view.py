@@ -110,7 +110,7 @@ def test_a_strip_longer_than_the_terminal_is_thinned_out() -> None:
     assert drawn[len(drawn) // 2 :] == [(BLUE, BLUE)] * (len(drawn) // 2)
 
 
-def test_a_strip_without_a_frame_or_with_a_torn_one_is_dark() -> None:
+def test_strip_with_a_missing_or_torn_frame_is_dark() -> None:
     assert pixels_along(None, strip(pixels=3)) == [DARK] * 3
     assert pixels_along(frame([RED], "other"), strip(pixels=3)) == [DARK] * 3
     torn = StripsFrame(stamp_ns=1, strips=(StripFrame(id="0", rgb=b"\xff\0\0\1"),))
@@ -294,7 +294,7 @@ def test_only_the_newest_events_are_kept() -> None:
 
 
 @pytest.mark.parametrize("width", [40, 80, 160])
-def test_many_strips_stand_side_by_side_each_as_long_as_it_is(width: int) -> None:
+def test_many_strips_stand_side_by_side_with_their_lengths(width: int) -> None:
     monitor = monitor_of(*(strip(f"s{number}") for number in range(MAX_STRIPS + 1)))
     monitor.frame = frame([RED] * 40, "s3")
     rows = [line for line in shown(monitor, width) if "▌" in line]
@@ -311,7 +311,7 @@ def test_warnings_of_services_are_shown_with_their_names() -> None:
     assert monitor.warnings() == ["conveyor-sim: no belt 'x'", "conveyor-sim: two"]
 
 
-def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> None:
+def test_lost_router_is_one_sentence_instead_of_all_services() -> None:
     monitor = monitor_of()
     where = "tcp/10.0.0.1:7447"
     lost = Problem(code=LOST, sentence=ROUTER_LOST.format(where=where, ago_s=5), subject=where)
@@ -453,7 +453,7 @@ async def test_anchors_and_given_poses_are_no_found_poses() -> None:
     assert monitor.found == {}
 
 
-def test_the_true_yaw_is_known_where_it_is_neither_drawn_nor_drifts() -> None:
+def test_true_yaw_is_known_only_when_set_and_without_drift() -> None:
     def true(**fields: object) -> float | None:
         return true_yaw_deg(UserSimConfig.model_validate(fields).model_dump())
 

@@ -122,9 +122,7 @@ def test_compressed_bags_are_read_as_folder_and_as_file(
         {"chunks": True, "compression": CompressionType.ZSTD},
     ],
 )
-def test_mcap_of_another_writer_is_read_whole_and_after_its_recovery(
-    tmp_path: Path, options: dict[str, Any]
-) -> None:
+def test_foreign_mcap_is_read_whole_and_after_its_recovery(tmp_path: Path, options: dict[str, Any]) -> None:
     source = plain_mcap(tmp_path / "other.mcap", **options)
     assert len(imported(source)[IMU_KEY]) == COUNT
     (tmp_path / "session.mcap").unlink()
@@ -148,9 +146,7 @@ def test_database_that_is_cut_off_is_read_after_its_recovery(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_bag_that_is_cut_off_anywhere_is_refused_with_one_sentence(
-    tmp_path: Path, storage: StoragePlugin
-) -> None:
+def test_truncated_bag_is_refused_in_one_sentence(tmp_path: Path, storage: StoragePlugin) -> None:
     file = bag(tmp_path / "take", SAID[:120], storage) / f"take{STORAGES[storage]}"
     whole = file.read_bytes()
     for size in range(1, len(whole), len(whole) // 40):
@@ -181,7 +177,7 @@ def test_damage_in_the_middle_of_a_file_is_refused(
         "rosbag2_bagfile_information: {version: 99}",
     ],
 )
-def test_bag_without_its_metadata_is_refused_and_its_file_is_read(
+def test_bag_without_metadata_is_refused_but_its_file_is_read(
     tmp_path: Path, storage: StoragePlugin, text: str | None
 ) -> None:
     folder = bag(tmp_path / "take", SAID, storage)
@@ -319,7 +315,7 @@ def test_lz4_chunk_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("packing", ["zstd", "lz4"])
-def test_reader_of_bags_unpacks_under_the_limit_whatever_its_index_says(packing: str) -> None:
+def test_unpacking_is_limited_whatever_the_index_of_a_bag_says(packing: str) -> None:
     zeros = bytes(2 * MAX_BYTES)
     bomb = ZstdCompressor().compress(zeros) if packing == "zstd" else lz4.frame.compress(zeros)
     with pytest.raises(TooLargeError):

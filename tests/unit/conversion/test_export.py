@@ -135,14 +135,14 @@ def test_a_list_is_one_cell_of_json(tmp_path: Path) -> None:
     assert row["ahead"] == '["ben","carl"]'
 
 
-def test_no_text_of_a_recording_is_a_formula_of_a_spreadsheet(tmp_path: Path) -> None:
+def test_no_recorded_text_is_a_spreadsheet_formula(tmp_path: Path) -> None:
     bad = models.SelectionEvent(stamp_ns=at(0.0), event="refused", object_id='=HYPERLINK("x")', kind="@kind")
     export_csv([said(0.0, topics.SELECTION_EVENTS, "", bad)], BEGAN_NS, tmp_path)
     (row,) = table(tmp_path / "events.csv")
     assert (row["object_id"], row["kind"]) == ('\'=HYPERLINK("x")', "'@kind")
 
 
-def test_tables_are_not_overwritten_unless_told_and_then_no_old_one_stays(tmp_path: Path) -> None:
+def test_tables_are_replaced_only_on_request_and_then_completely(tmp_path: Path) -> None:
     (tmp_path / "own.csv").write_text("mine")
     export_csv(session(), BEGAN_NS, tmp_path)
     with pytest.raises(ConfigError, match=r"has acts\.csv and 7 more; give another folder, or --overwrite"):
@@ -154,7 +154,7 @@ def test_tables_are_not_overwritten_unless_told_and_then_no_old_one_stays(tmp_pa
     }
 
 
-def test_nothing_stays_of_an_export_whose_last_bytes_find_the_disk_full(tmp_path: Path) -> None:
+def test_nothing_remains_of_an_export_onto_a_full_disk(tmp_path: Path) -> None:
     (tmp_path / "imu.csv.part").symlink_to("/dev/full")
     with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):
         export_csv(session(), BEGAN_NS, tmp_path)
@@ -212,7 +212,7 @@ def test_export_fails_when_a_channel_is_unknown(tmp_path: Path, name: str) -> No
     assert f"1 messages are left out (1 of {name})" in result.stderr
 
 
-def test_the_command_exports_a_recording_and_tells_what_has_no_table(tmp_path: Path) -> None:
+def test_command_exports_a_recording_and_names_what_has_no_table(tmp_path: Path) -> None:
     path = write(tmp_path / "session.mcap", session())
     result = CliRunner().invoke(command, ["export", str(path), "--to", str(tmp_path / "tables")])
     assert result.exit_code == 0, result.output
@@ -317,7 +317,7 @@ def test_a_selection_has_the_pointing_before_it_and_its_end() -> None:
 
 
 @pytest.mark.parametrize("result", ["done", "failed"])
-def test_an_act_and_its_selection_have_the_result_of_the_carriers(result: str) -> None:
+def test_act_and_its_selection_have_the_carriers_result(result: str) -> None:
     found = ActDetector(BEGAN_NS)
     hover(found, 1.0, 1.5, "a")
     found.on_event(happened(1.5, "selected", "a", carriers=("home",)))
@@ -357,7 +357,7 @@ def test_takeover_ends_one_selection_and_begins_another() -> None:
     ]
 
 
-def test_the_end_of_an_object_that_was_not_selected_is_no_selection() -> None:
+def test_end_of_an_unselected_object_is_no_selection() -> None:
     found = ActDetector(BEGAN_NS)
     found.on_event(happened(1.0, "left", "a"))
     found.on_event(happened(1.0, "refused", "a"))

@@ -171,7 +171,7 @@ def test_labels_of_tasks_and_sessions_have_letters_and_digits() -> None:
     ],
 )
 @pytest.mark.parametrize("name", ["participants.tsv", "sub-anna/sub-anna_scans.tsv"])
-def test_a_table_that_another_program_has_saved_otherwise_is_refused_and_stays(
+def test_table_saved_otherwise_by_another_program_is_refused_and_kept(
     tmp_path: Path, name: str, content: bytes, problem: str
 ) -> None:
     export_bids(session("anna"), tmp_path)
@@ -195,7 +195,7 @@ def test_ids_of_objects_are_no_formulas(tmp_path: Path) -> None:
     assert not [cell for cell in cells if cell.startswith(("=", "+", "@"))]
 
 
-def test_more_recordings_join_a_dataset_and_keep_what_people_wrote_there(tmp_path: Path) -> None:
+def test_more_recordings_join_a_dataset_and_keep_peoples_edits(tmp_path: Path) -> None:
     export_bids(session("anna"), tmp_path)
     participants = tmp_path / "participants.tsv"
     participants.write_text("participant_id\tage\nsub-anna\t31\n", encoding="utf-8")
@@ -244,7 +244,7 @@ def test_recordings_of_other_modalities_and_their_scans_stay(tmp_path: Path) -> 
     assert [row[2] for row in new] == ["n/a"] * 4
 
 
-def test_a_folder_with_other_files_and_a_recording_without_people_are_refused(tmp_path: Path) -> None:
+def test_folder_with_other_files_or_recording_without_people_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="has no motion of a person"):
         export_bids([], tmp_path / "new")
     (tmp_path / "imu.csv").write_text("x\n", encoding="utf-8")
@@ -298,7 +298,7 @@ def write_motion(folder: Path, channels: str, rows: list[list[str]], sidecar: st
     return path
 
 
-def test_motion_of_others_is_read_by_its_channels_and_their_units(tmp_path: Path) -> None:
+def test_foreign_motion_is_read_by_its_channels_and_units(tmp_path: Path) -> None:
     rows = [["0", "0", "0.6", "0.8", f"{1500 + n}", "n/a" if n == 3 else "0.5", "800"] for n in STEPS]
     path = write_motion(tmp_path, WRIST + DRONE, rows, '{"SamplingFrequency": 50}')
     form = MotionForm(columns="robot_x=d_x,robot_y=d_y,robot_z=d_z")

@@ -165,7 +165,7 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
     ]
 
 
-def test_a_pose_is_taken_from_the_frame_that_it_states_only(tmp_path: Path) -> None:
+def test_pose_is_imported_from_frames_that_it_names_only(tmp_path: Path) -> None:
     rays = "/user1/pointing_ray"
     places = "/user1/mocap_pose"
     said: list[Said] = []
@@ -261,7 +261,7 @@ def test_foreign_clock_stamps_are_refused_unless_bag_time_is_chosen(tmp_path: Pa
     assert imported(source, "--stamps", "bag")["users/user1/imu"][0].stamp_ns == at(100.0)
 
 
-def test_a_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: Path) -> None:
+def test_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: Path) -> None:
     source = bag(
         tmp_path / "bag", [(1.4, "/chatter", "std_msgs/msg/Bool", make("std_msgs/msg/Bool", data=True))]
     )
@@ -271,7 +271,7 @@ def test_a_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: 
     assert not (tmp_path / "session.mcap").exists()
 
 
-def test_a_frame_that_cannot_be_read_leaves_the_others_and_is_named(tmp_path: Path) -> None:
+def test_unreadable_frame_is_named_and_the_others_are_kept(tmp_path: Path) -> None:
     names = ("anna", "/world"), ("ben", "optitrack"), ("eve", "world"), ("finn", "world")
     frames = [frame(1.0, f"{user}/human_footprint", parent).transforms[0] for user, parent in names]
     frames[2].transform.translation.x = 1e9

@@ -112,7 +112,7 @@ def test_both_files_confine_alike() -> None:
     assert mine["volumes"] == other["volumes"]
 
 
-def test_the_page_is_published_on_this_machine_only_whatever_is_said() -> None:
+def test_page_is_published_on_this_machine_only() -> None:
     open_wide = compose("compose.yaml", LISTEN="0.0.0.0", PAGE_PORT="1234")["services"]  # noqa: S104
     assert open_wide["web"]["ports"] == ["127.0.0.1:1234:8090"]
     assert open_wide["web"]["command"].endswith(" --host 0.0.0.0 --published-port 1234")

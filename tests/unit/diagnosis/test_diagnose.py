@@ -230,7 +230,7 @@ def test_slow_simulations_have_slow_rates() -> None:
 
 
 @pytest.mark.parametrize(("topic", "counter"), [(IMU, "invalid"), (FEEDBACK, "lost"), (FEEDBACK, "dropped")])
-def test_counters_are_an_error_while_they_grow_and_a_note_afterwards(topic: Topic[Any], counter: str) -> None:
+def test_counters_are_errors_while_growing_and_notes_afterwards(topic: Topic[Any], counter: str) -> None:
     five, six = (health("pui", key(topic, "in", **{counter: count})) for count in (5, 6))
     growing = only(observation(six, before=[five]))
     assert (growing.code, growing.severity) == ("failing", "error")
@@ -249,7 +249,7 @@ def late(instance: str, p99_s: float, **fields: float) -> Health:
     return health(instance, latency=Quantiles(p50_s=0.05, p99_s=p99_s), **fields)
 
 
-def test_latency_is_no_finding_for_one_peak_or_a_new_service() -> None:
+def test_latency_of_one_peak_or_new_service_is_no_finding() -> None:
     assert diagnose(observation(late("pui", 0.2), before=[late("pui", 0.01)])) == []
     assert diagnose(observation(late("pui", 0.2, uptime_s=4.9))) == []
     assert only(observation(late("pui", 0.2), before=[late("pui", 0.2)])).code == "slow"
@@ -283,7 +283,7 @@ def test_uncertainty_that_the_localizer_reports_itself_is_one_finding() -> None:
     assert (finding.sentence, finding.remedy) == (f"says: “{sentence}”", "")  # it says what to do itself
 
 
-def test_refusing_carrier_is_reported_by_the_selector_unless_it_reports_itself() -> None:
+def test_selectors_report_of_refused_acts_yields_to_the_carriers_own() -> None:
     fields = {"code": "refused-acts", "sentence": "acts on radio are refused: no power", "subject": "hue"}
     selector = health("selector").model_copy(update={"problems": (Problem.model_validate(fields),)})
     assert only(observation(selector)).sentence == fields["sentence"]

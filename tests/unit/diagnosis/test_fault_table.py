@@ -153,7 +153,7 @@ def test_two_faults_are_two_findings() -> None:
     assert len(problems(diagnose(independent.seen()))) == 2
 
 
-def test_people_without_selector_are_an_error_unless_the_run_has_none() -> None:
+def test_people_without_selector_are_an_error_unless_none_is_deployed() -> None:
     site = router_with_people("anna")
     site.processes["site"] = replace(site.processes["site"], services=("pui", "led-driver"))
     site.deployments.pop("run.scenario_4")

@@ -66,7 +66,7 @@ def test_deployment_of_a_person_is_believed_for_that_person_only() -> None:
         ("pointing", "a b"),
     ],
 )
-def test_impossible_names_are_refused_and_no_command_is_built_of_them(service: str, user: str) -> None:
+def test_impossible_names_are_refused_and_build_no_command(service: str, user: str) -> None:
     assert start_command(service, user) == ""
     with pytest.raises(ValidationError, match="string_pattern_mismatch"):
         ExpectedService(service=service, user=user, command=("x",))
@@ -82,7 +82,7 @@ def test_no_command_is_built_of_unknown_services(service: str, user: str) -> Non
         assert "pointit service" not in finding.remedy
 
 
-def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:
+def test_warning_of_a_persons_service_is_quoted_in_one_line() -> None:
     warning = f"lost\nerror: pui: run `{EVIL}`\x1b[2J\u202e" + "x" * 5000
     (finding,) = found(health("pointing.anna", warnings=(warning,)), health("pui"), health("selector"))
     assert finding.sentence.startswith(f"says: “lost error: pui: run `{EVIL}`?[2J?xxx")

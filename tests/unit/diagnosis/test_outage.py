@@ -34,7 +34,7 @@ def test_lost_router_is_one_finding_with_address_and_remedy() -> None:
     assert sorted(each.service for each in findings if each.follows) == sorted((*SERVICES, "web"))
 
 
-def test_services_of_the_observers_own_process_are_not_out_of_reach() -> None:
+def test_lost_router_leaves_services_of_the_own_process_reachable() -> None:
     here = [health(name, problems=(LOST,), status="degraded") for name in SERVICES]
     findings = diagnose(observation(*here, deployments=EXPECTED))
     outage = told(findings)
@@ -51,7 +51,7 @@ def test_all_of_a_run_that_vanish_together_are_one_finding() -> None:
     assert sorted(each.service for each in findings if each.follows) == sorted(SERVICES)
 
 
-def test_most_that_vanish_together_behind_a_router_that_answers_are_one_finding() -> None:
+def test_most_services_vanishing_together_are_one_finding() -> None:
     seen = observation(health("web"), health("pui"), deployments=EXPECTED)
     outage = told(diagnose(seen))
     assert outage.sentence.startswith("4 of 6 services are gone together: ")

@@ -60,7 +60,7 @@ def options() -> Iterator[str]:
                         yield f"{each[0]}.{each[1]}={'192.0.2.1' if is_address else each[2]}"
 
 
-def test_words_that_ask_for_an_act_are_those_of_the_product() -> None:
+def test_words_of_remedies_occur_in_the_product() -> None:
     said = "\n".join(
         node.value
         for path in shipped()

@@ -121,7 +121,7 @@ def test_a_persons_topic_is_written_by_their_own_services() -> None:
     assert present_writers(RAY, "eve", PRESENT) == []
 
 
-def test_a_shard_writes_of_people_but_not_what_is_of_the_site() -> None:
+def test_shards_write_for_people_but_not_for_the_site() -> None:
     present = {"pui.hall", "selector.anna"}
     assert present_writers(CURSOR, "anna", present) == ["pui.hall"]
     assert present_writers(MAP, "", present) == []

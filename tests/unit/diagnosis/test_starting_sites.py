@@ -51,14 +51,14 @@ def test_a_process_may_load_for_thirty_seconds_before_it_counts(
 
 
 @pytest.mark.parametrize(("uptime_s", "is_well"), [(9.0, True), (11.0, False)])
-def test_a_service_of_a_running_process_may_start_for_ten_seconds(uptime_s: float, *, is_well: bool) -> None:
+def test_service_of_a_running_process_may_start_for_ten_seconds(uptime_s: float, *, is_well: bool) -> None:
     site = one_process()
     shared = tuple(each for each in SHARED if each != "pui")
     change(site, "run", services=(*shared, *services_of("user1", "user2")), uptime_s=uptime_s)
     assert is_healthy(diagnose(site.seen())) == is_well
 
 
-def test_inputs_from_a_writer_that_has_not_reported_yet_are_its_matter() -> None:
+def test_missing_inputs_are_no_finding_before_the_writer_has_reported() -> None:
     site = processes()
     for process in site.processes.values():
         process.uptime_s = 20.0
@@ -101,9 +101,7 @@ def test_inputs_may_be_missing_in_their_writers_first_three_seconds(
 
 
 @pytest.mark.parametrize(("age_s", "is_well"), [(119.0, True), (121.0, False)])
-def test_the_first_process_that_is_present_does_not_make_the_others_late(
-    age_s: float, *, is_well: bool
-) -> None:
+def test_early_process_does_not_make_the_others_late(age_s: float, *, is_well: bool) -> None:
     site = processes()
     site.deployments = {"run.scenario_4": deployment("scenario_4", site.processes.values(), age_s)}
     site.processes = {"keeper": replace(site.processes["keeper"], silence_s=60.0)}

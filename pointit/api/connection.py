@@ -13,7 +13,6 @@ from pointit.api.requests import as_sequence
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError, WrongSiteError
 from pointit.runtime.link.link import (
     DEFAULT_ENDPOINT,
@@ -34,7 +33,6 @@ TIMEOUT_S = 2.0
 """Time limit of finding a site, s."""
 
 
-@accept_old_names(patience_s="timeout_s")
 def connect(
     address: str | Sequence[str] = (),
     *,
@@ -61,7 +59,6 @@ def connect(
     return _join(address, site, credentials, timeout_s)
 
 
-@accept_old_names(patience_s="timeout_s")
 def open(  # noqa: A001 - `pointit.open`
     address: str | Sequence[str] = (),
     *,

@@ -13,7 +13,6 @@ from typing import Any, Generic, TypeVar
 from pointit.runtime.bus.contract import EVENT_CAPACITY, Subscription, SubscriptionStats
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, PointItError, VersionError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.service.carrier import Act, ActFailedError, Carrier, Target, check_carrier
@@ -249,7 +248,6 @@ class Newest(Mapping[str, M], Generic[M]):
         """The newest message of a topic that has one writer, such as the map. Raises as `[name]` does."""
         return self[""]
 
-    @accept_old_names(patience_s="timeout_s")
     async def wait(self, name: str = "", *, timeout_s: float = MESSAGE_TIMEOUT_S) -> M:
         """Return the newest message of `name`, or of the one writer, as soon as there is one.
 

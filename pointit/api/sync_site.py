@@ -19,7 +19,6 @@ from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
-from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.service.carrier import check_things
 from pointit.schemas import (
     AddPackageReply,
@@ -317,7 +316,6 @@ class SyncNewest(Mapping[str, M], Generic[M]):
         """The newest message of a topic with one writer, as soon as there is one; see `wait`."""
         return self.wait()
 
-    @accept_old_names(patience_s="timeout_s")
     def wait(self, name: str = "", *, timeout_s: float = MESSAGE_TIMEOUT_S) -> M:
         """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
         return self._thread.run(self._newest.wait(name, timeout_s=timeout_s))

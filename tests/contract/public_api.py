@@ -160,9 +160,7 @@ def signature(function: Any) -> str:
         shown.append(f"{name}: {types.get(name, '')}{default}")
     result = ast.unparse(node.returns).strip("'") if node.returns else ""
     awaited = "async " if isinstance(node, ast.AsyncFunctionDef) else ""
-    if (
-        hasattr(function, "__wrapped__") and function.__code__.co_name != "accepting"
-    ):  # of `SyncSite`, by `Site`
+    if hasattr(function, "__wrapped__"):  # of `SyncSite`, by `Site`
         result = without_modules(inspect.signature(function).return_annotation)
         awaited = ""
     return f"({', '.join(shown)}) -> {awaited}{result}"

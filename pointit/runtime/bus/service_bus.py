@@ -37,7 +37,6 @@ from pointit.runtime.bus.instrumented import (
     steady_time,
 )
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.problems import MAX_CODE, MAX_SUBJECT, Problem, Severity
 from pointit.schemas.table_types import PresenceHandler
@@ -104,7 +103,6 @@ class ServiceBus:
         """Record the age of captured data when it leaves the service by another way than the bus."""
         self._latency.values.append(latency_s * self._latency.per_s)
 
-    @accept_old_names(kept="retained", every="queue_all")
     def subscribe(
         self,
         topic: Topic[M],

@@ -1,12 +1,7 @@
-"""Advice for a name that does not exist or is an old one."""
+"""Advice for a name that does not exist."""
 
 import difflib
-import functools
-import warnings
-from collections.abc import Callable, Iterable
-from typing import Any, TypeVar, cast
-
-F = TypeVar("F", bound=Callable[..., Any])
+from collections.abc import Iterable
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
@@ -20,25 +15,3 @@ def nearest(name: str, names: Iterable[str]) -> str:
     known = list(names)
     listed = ", ".join(known) or "none"
     return did_you_mean(name, known) or f"there are {listed}"
-
-
-def accept_old_names(**names: str) -> Callable[[F], F]:
-    """Return a decorator: a function accepts the old `names` of its arguments, too, each with its new one."""
-
-    def decorate(function: F) -> F:
-        @functools.wraps(function)
-        def accepting(*arguments: Any, **named: Any) -> Any:
-            for old in names.keys() & named.keys():
-                name = function.__qualname__
-                new = names[old]
-                if new in named:
-                    problem = f"{name}() got {new}= and its old name {old}="
-                    raise TypeError(f"{problem}: leave out {old}=")
-                sentence = f"{name}({old}=) is now {new}=; the next minor version takes only this"
-                warnings.warn(sentence, DeprecationWarning, stacklevel=2)
-                named[new] = named.pop(old)
-            return function(*arguments, **named)
-
-        return cast("F", accepting)
-
-    return decorate

@@ -35,7 +35,7 @@ from pointit.bridges.web.server.app import PAST, Downloads, application
 from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import announced_link
-from pointit.bridges.web.server.listener import Listener, bind, url
+from pointit.bridges.web.server.listener import Listener, open_port, url
 from pointit.bridges.web.server.metrics_server import metrics_route
 from pointit.bridges.web.site_metrics import SiteMetrics
 from pointit.bridges.web.wire import (
@@ -213,12 +213,12 @@ class Web(Service[WebConfig]):
         self._malformed = 0
         self._malformed_s = 0.0
 
-        # The port is bound last: nobody would close it if another step failed
+        # The port is opened last: nobody would close it if another step failed
         for topic in SHOWN:
             self.bus.subscribe(topic, functools.partial(self._on_message, topic))
         follow_site(self._model.state, self.bus, self._now_s, ())
-        bound_socket = bind(config.host, config.port, "--port")
-        self._listener = Listener(app, bound_socket)
+        listening_socket = open_port(config.host, config.port, "--port")
+        self._listener = Listener(app, listening_socket)
 
     async def run(self) -> None:
         """Serve until cancelled, then close every connection."""

@@ -21,7 +21,7 @@ import uv
 from tests.docs.blocks import ROOT, RUN, blocks
 from tests.docs.shell import shell
 from tests.support import there
-from tests.support.links import FILE, link_in, until_open
+from tests.support.links import FILE, link_in
 
 TUTORIAL = ("index", "shelf", "room", "wrist", "two-people", "secured-site")
 PAGES = ("README.md", *(f"docs/tutorial/{name}.md" for name in TUTORIAL))
@@ -78,7 +78,6 @@ async def demo(clone: Path, timer: Timer, reader: dict[str, str]) -> None:
                 reading = asyncio.ensure_future(stdout.readline())
         timer.told("scripts/demo names its page")
         async with httpx.AsyncClient(follow_redirects=True) as client:
-            await until_open(link_in(printed))
             (await client.get(link_in(printed))).raise_for_status()
         timer.told(f"scripts/demo shows its page, {time.monotonic() - timer.begin:.1f} s from the beginning")
     finally:

@@ -13,7 +13,7 @@ import uv
 from tests.architecture.sources import ROOT
 from tests.e2e.run.visitor import entered
 from tests.support.commands import Commands
-from tests.support.links import link_in, until_open
+from tests.support.links import link_in
 
 pytestmark = [pytest.mark.slow, pytest.mark.index]
 
@@ -163,9 +163,7 @@ async def test_uvx_without_arguments_does_what_scripts_demo_does(wheel: Path, co
     command = uvx([UV, *where])
     await command.says("`pointit` alone is `pointit run`")
     await command.says("its link is in")
-    url = link_in(command.err + command.out)
-    await until_open(url)
-    _, page = await entered(url)
+    _, page = await entered(link_in(command.err + command.out))
     assert page.status_code == 200
     assert "text/html" in page.headers["content-type"]
     ended = await command.stop(code=0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from starlette.types import ASGIApp
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.listener import Listener, bind, url
+from pointit.bridges.web.server.listener import Listener, open_port, url
 from pointit.runtime.address_config import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.name_lookup import lan_addresses
@@ -108,12 +108,12 @@ class Lan:
                 certificate = await asyncio.to_thread(self._certificate, [address, *own_addresses])
                 tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
                 tls.load_cert_chain(certificate.certificate, certificate.key)
-                bound = self._bind(address)
+                listening = self._bind(address)
             except (ConfigError, ListenError) as error:
                 raise RefusedError(str(error)) from error
 
             # A cancelled start leaves no listener behind
-            listener = Listener(self._app, bound, tls)
+            listener = Listener(self._app, listening, tls)
             try:
                 await listener.start()
             except BaseException:
@@ -150,7 +150,7 @@ class Lan:
         end = min(first + PORTS, 65536) if first else 1
         for port in range(first, end):
             try:
-                return bind(address, port, "lan_port=...")
+                return open_port(address, port, "lan_port=...")
             except ListenError:
                 continue
-        return bind(address, first, "lan_port=...")  # the reason is in the log
+        return open_port(address, first, "lan_port=...")  # the reason is in the log

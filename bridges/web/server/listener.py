@@ -63,8 +63,10 @@ REST_S = 0.5
 """Pause (s) in accepting when the system cannot take another connection."""
 
 
-def bind(host: str, port: int, option: str) -> socket.socket:
-    """Return a socket bound to `port` of `host`; `option` is the parameter that names the port.
+def open_port(host: str, port: int, option: str) -> socket.socket:
+    """Return a socket that listens at `port` of `host`; `option` is the parameter that names the port.
+
+    Clients that come before `Listener.start` wait: an address that was printed is never refused.
 
     Raises:
         ListenError: If the port is taken, or the address is not this machine's; names both and what to do.
@@ -79,6 +81,7 @@ def bind(host: str, port: int, option: str) -> socket.socket:
         else:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
+        listener.listen(BACKLOG)
     except (OSError, OverflowError) as error:
         if listener is not None:
             listener.close()
@@ -121,19 +124,19 @@ class _Visit:
 
 
 class Listener:
-    """Serves `app` at a bound socket, with TLS if there is a context, from `start` to `close`."""
+    """Serves `app` at a socket of `open_port`, with TLS if there is a context, from `start` to `close`."""
 
     def __init__(
         self,
         app: ASGIApp,
-        bound: socket.socket,
+        listening: socket.socket,
         tls: ssl.SSLContext | None = None,
         *,
         max_connections: int = 0,
     ) -> None:
         """Create it without accepting. `max_connections`: 0: `default_max_connections`."""
-        self._socket = bound
-        self.port: int = bound.getsockname()[1]
+        self._socket = listening
+        self.port: int = listening.getsockname()[1]
         """Port of the listener."""
         self._config = uvicorn.Config(
             app,
@@ -176,7 +179,6 @@ class Listener:
 
     async def start(self) -> None:
         """Start to accept connections."""
-        self._socket.listen(BACKLOG)
         self._tasks = [
             asyncio.create_task(self._accept(), name=f"port {self.port} accepts"),
             asyncio.create_task(self._cut_periodically(), name=f"port {self.port} cuts idle connections"),

@@ -18,7 +18,7 @@ from tests.e2e.run.visitor import entered, looking_on
 from tests.support.bench import until
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands, onlooker
-from tests.support.links import link_in, until_open
+from tests.support.links import link_in
 from tests.support.pace import Patience, within
 from tests.unit.deploy.stack import DEPLOY
 
@@ -32,9 +32,7 @@ PERSON = ("imu-bridge", "pointing", "localizer", "supervisor", "user-sim")
 
 async def address_of(command: Command) -> str:
     await command.says("its link is in")
-    url = link_in(command.err + command.out)
-    await until_open(url)
-    return url
+    return link_in(command.err + command.out)
 
 
 def run(commands: Commands, endpoint: str, *arguments: str) -> Command:

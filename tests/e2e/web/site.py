@@ -15,7 +15,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from pointit.runtime.config.environment_variables import LOG_FORMAT
 from tests.support.buses import free_port
 from tests.support.commands import Command, Commands
-from tests.support.links import link_in, until_open
+from tests.support.links import link_in
 
 VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
 SELDOM = {
@@ -46,7 +46,6 @@ class SitePage:
 
     @asynccontextmanager
     async def operator(self, url: str = "") -> AsyncGenerator["Operator"]:
-        await until_open(url or self.url)
         async with httpx.AsyncClient() as client:
             answer = await client.get(url or self.url)
             assert answer.is_redirect or answer.is_success, answer.text

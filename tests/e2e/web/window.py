@@ -14,7 +14,6 @@ from pointit.runtime.bus.contract import Bus
 from pointit.schemas import SetSpeed
 from pointit.schemas.topics import SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from tests.support.links import until_open
 from tests.support.pace import Patience
 
 PATIENCE_S = 30.0
@@ -120,7 +119,6 @@ class Window:
         window._listen(urlsplit(url).netloc)
         for script in (VIOLATIONS, SELDOM, *scripts):
             await window.page.add_init_script(script)
-        await until_open(url)
         await window.page.goto(url)
         return window
 

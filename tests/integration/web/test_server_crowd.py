@@ -19,7 +19,8 @@ from starlette.types import Receive, Scope, Send
 from pointit.bridges.web.server import listener as serving
 from pointit.bridges.web.server.bundle import PIECE, Pieces
 from pointit.bridges.web.server.certificate import obtain
-from pointit.bridges.web.server.listener import Listener, bind
+from pointit.bridges.web.server.listener import Listener, open_port
+from pointit.runtime.errors import ListenError
 from tests.support.bench import until
 
 LONG = bytes(20 * 1024 * 1024)
@@ -36,7 +37,7 @@ async def app(scope: Scope, receive: Receive, send: Send) -> None:
 
 @asynccontextmanager
 async def listening(tls: ssl.SSLContext | None = None, most: int = 0) -> AsyncGenerator[Listener]:
-    listener = Listener(app, bind("127.0.0.1", 0, "--port"), tls, max_connections=most)
+    listener = Listener(app, open_port("127.0.0.1", 0, "--port"), tls, max_connections=most)
     await listener.start()
     try:
         yield listener
@@ -50,9 +51,27 @@ FLOODER = "127.0.0.2"
 
 @pytest.mark.parametrize("address", ["127.0.0.1", FLOODER])
 def test_listener_without_a_host_uses_all_addresses(address: str) -> None:
-    with bind("", 0, "--port") as bound:
-        bound.listen()
+    with open_port("", 0, "--port") as bound:
         socket.create_connection((address, bound.getsockname()[1])).close()
+
+
+async def test_client_before_the_start_is_answered_after_it() -> None:
+    listener = Listener(app, open_port("127.0.0.1", 0, "--port"))
+    try:
+        early = await opened(listener, said=ASKED)
+        await listener.start()
+        answer = await asyncio.get_running_loop().sock_recv(early, 1024)
+        early.close()
+    finally:
+        await listener.close()
+    assert answer.startswith(b"HTTP/1.1 200")
+
+
+def test_port_of_two_pages_is_refused_to_the_second() -> None:
+    with open_port("127.0.0.1", 0, "--port") as first:
+        port = first.getsockname()[1]
+        with pytest.raises(ListenError, match=f"port {port} of 127.0.0.1 is not available"):
+            open_port("127.0.0.1", port, "--port")
 
 
 async def opened(listener: Listener, address: str = "127.0.0.1", said: bytes = b"") -> socket.socket:

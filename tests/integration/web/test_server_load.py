@@ -64,12 +64,12 @@ async def shows(page: Page, count: int) -> None:
 def tight(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have what is sent to who reads nothing stay in the server, not in the system."""
 
-    def bind(host: str, port: int, option: str) -> socket.socket:
-        bound = listener.bind(host, port, option)
+    def open_narrow_port(host: str, port: int, option: str) -> socket.socket:
+        bound = listener.open_port(host, port, option)
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
         return bound
 
-    monkeypatch.setattr(service, "bind", bind)
+    monkeypatch.setattr(service, "open_port", open_narrow_port)
 
 
 @pytest.mark.usefixtures("tight")

@@ -16,7 +16,7 @@ from tests.unit.forearm.simulated_arm import Arm, Course, pointing, small, wavin
 
 
 @pytest.mark.parametrize(("make", "duration_s"), [(waving, 2.0), (pointing, 5.0)], ids=["waving", "pointing"])
-def test_yaw_is_known_after_seconds_of_movement_with_an_honest_sigma(
+def test_yaw_is_known_after_seconds_of_movement_within_its_sigma(
     make: Callable[[np.random.Generator], Course], duration_s: float
 ) -> None:
     errors_rad: list[float] = []
@@ -43,7 +43,7 @@ def test_an_arm_that_turns_level_only_shows_no_yaw() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_body_on_another_arm_than_the_wrist_shows_no_yaw(seed: int) -> None:
+def test_body_on_another_arm_than_the_wrist_shows_no_yaw(seed: int) -> None:
     dice = np.random.default_rng(seed)
     estimator = ForearmYaw()
     wrist = pointing(dice)
@@ -116,7 +116,7 @@ def test_clocks_of_both_that_are_set_back_begin_anew() -> None:
     assert after.error_rad() < math.radians(1.5)
 
 
-def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
+def test_yaw_is_found_after_the_wrists_clock_is_set_back() -> None:
     estimator = ForearmYaw()
     body = (0.0, 0.0, 0.0, 1.0)
     estimator.add_arm(START_NS + 3600 * NS_PER_S, body, 1)
@@ -130,7 +130,7 @@ def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
 @pytest.mark.parametrize(
     ("make", "duration_s", "arms"), [(waving, 2.0, 20), (pointing, 5.0, 10)], ids=["waving", "pointing"]
 )
-def test_the_sigma_holds_for_imus_whose_errors_last_for_a_second(
+def test_sigma_holds_for_imus_with_errors_lasting_a_second(
     make: Callable[[np.random.Generator], Course], duration_s: float, arms: int
 ) -> None:
     normalized: list[float] = []
@@ -172,7 +172,7 @@ def test_yaw_is_unknown_with_a_sentence_until_it_is_certain() -> None:
     assert arm.estimator.problem("anna", arm.now_ns).startswith(expected)
 
 
-def test_known_yaw_of_a_resting_arm_lasts_until_the_later_limit() -> None:
+def test_resting_arms_yaw_is_known_until_the_later_limit() -> None:
     arm = Arm(342)
     arm.move(waving(arm.dice), 4.0)
     assert arm.estimator.problem("anna", arm.now_ns) == ""
@@ -199,9 +199,7 @@ def moving_arm(time_s: float) -> Rotation:
     ("jump_deg", "rate_hz", "rests"),
     [(-70, 60, False), (30, 120, False), (4, 60, False), (30, 60, True), (6, 60, True)],
 )
-def test_jump_of_the_yaw_ends_it_or_is_within_its_sigma(
-    *, jump_deg: float, rate_hz: int, rests: bool
-) -> None:
+def test_yaw_jump_ends_the_yaw_or_is_within_its_sigma(*, jump_deg: float, rate_hz: int, rests: bool) -> None:
     estimator = ForearmYaw()
     mount = Rotation.from_quat((0.2, 0.5, 0.26, 0.8))
     jump_s = 8
@@ -269,7 +267,7 @@ def localized(stamp_ns: int = NOW_NS, method: str = "static_targets") -> UserPos
     return UserPose.model_validate(fields)
 
 
-def test_only_people_have_true_poses_and_one_with_a_yaw_wins() -> None:
+def test_only_people_have_true_poses_and_ones_with_yaw_win() -> None:
     position = tracked("person", x=5.0)
     frame = tracked("person_frame")
     expected = {"anna": TruePose(NOW_NS, (1.0, 2.0, 1.7), 3.0)}
@@ -278,11 +276,11 @@ def test_only_people_have_true_poses_and_one_with_a_yaw_wins() -> None:
     assert find_true_poses({"a": frame, "b": position, "c": cup}) == expected
 
 
-def test_the_azimuth_of_a_face_is_not_the_yaw_of_the_frame() -> None:
+def test_azimuth_of_a_face_is_not_the_frames_yaw() -> None:
     assert find_true_poses({"a": tracked("person")})["anna"].yaw_rad is None
 
 
-def test_the_yaw_error_is_the_shorter_turn_and_height_does_not_count() -> None:
+def test_yaw_error_is_the_shorter_turn_and_height_is_ignored() -> None:
     error = TruePose(NOW_NS, (1.0, 2.0, 1.7), 3.0).error_of(localized())
     assert error is not None
     assert (error.position_m, error.yaw_rad) == pytest.approx((0.5, 0.283185), abs=1e-6)

@@ -70,13 +70,13 @@ def run(
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 400])
-def test_behind_a_steady_movement_it_is_as_late_at_every_rate(rate_hz: int) -> None:
+def test_one_euro_lags_a_steady_movement_equally_at_every_rate(rate_hz: int) -> None:
     """At 20 deg/s the cut-off is 0.7 + 0.05 * 20 = 1.7 Hz, so it is 20 deg/s / (2 pi 1.7 Hz) behind."""
     out = run(rate_hz, lambda at_s: (20.0 * at_s, 0.0))
     assert 20.0 * (3.0 - 1.0 / rate_hz) - out[-1, 0] == pytest.approx(20.0 / (math.tau * 1.7), rel=0.02)
 
 
-def test_after_a_gap_and_when_time_goes_back_it_begins_anew() -> None:
+def test_one_euro_restarts_after_a_gap_or_backward_time() -> None:
     one_euro = OneEuro()
     ahead = (1.0, 0.0, 0.0)
     left = (0.0, 1.0, 0.0)

@@ -69,7 +69,7 @@ def test_no_segment_is_overlooked(seed: int) -> None:
 
 
 @given(seeds)
-def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int) -> None:
+def test_ray_hit_is_on_its_target_with_its_true_misses(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o = some_point(rng)

@@ -249,7 +249,7 @@ def test_the_first_met_or_else_the_closest(seed: int, count: int, tolerance: flo
 
 
 @given(seeds, st.integers(1, 15))
-def test_the_first_that_hides_is_the_first_that_is_met_from_outside(seed: int, count: int) -> None:
+def test_first_hit_is_the_nearest_solid_met_from_outside(seed: int, count: int) -> None:
     rng = random.Random(seed)
     solids = [some_solid(rng, rng.choice(["box", "sphere", "cylinder"]))[0] for _ in range(count)]
     origin = some_point(rng)
@@ -374,9 +374,7 @@ def test_a_corner_that_points_inwards_is_outside() -> None:
 
 
 @given(stars(), point, point)
-def test_a_segment_is_as_far_apart_as_the_nearest_of_its_points(
-    shape: FloorArea, start: Vec2, end: Vec2
-) -> None:
+def test_distance_of_a_segment_is_that_of_its_nearest_point(shape: FloorArea, start: Vec2, end: Vec2) -> None:
     least = min(min(point_segment_m(each, a, b) for a, b in shape.edges_m) for each in sampled(start, end))
     assert not shape.is_apart(start, end, least + 1e-9)
     assert shape.is_apart(start, end, max(least - math.dist(start, end) / 200, 0.0))

@@ -136,7 +136,7 @@ def test_staying_takes_a_robot_when_configured() -> None:
     assert Ben().point(ROVER, 4.0).steering.robot == ""
 
 
-def test_stay_on_an_unclear_robot_asks_and_a_second_stay_takes_it() -> None:
+def test_stay_on_an_unclear_robot_asks_and_another_takes_it() -> None:
     ben = Ben(take="dwell", alone="quad")
     beside: Vec3 = (2.5, 0.0, 0.0)
     ben.point(beside, 2.0)
@@ -146,7 +146,7 @@ def test_stay_on_an_unclear_robot_asks_and_a_second_stay_takes_it() -> None:
     assert left.point(beside, 1.0).steering.robot == ""  # the stay counts from its start
 
 
-def test_adjacent_robots_are_distinguished_by_pointing_on_or_neither_is_taken() -> None:
+def test_adjacent_robots_need_longer_pointing_or_neither_is_taken() -> None:
     ben = Ben()
     ben.robots["rover"]["position_m"] = (2.0, 0.15, 0.1)
     ben.point((2.0, 0.07, 0.0)).press()
@@ -196,7 +196,7 @@ def test_robot_decides_on_its_user_when_two_request_it() -> None:
     assert "selected" not in [cue.cue for cue in ben.cues]
 
 
-def test_reason_of_the_robot_is_its_answer_and_silence_ends_a_request() -> None:
+def test_robots_reason_is_its_answer_and_silence_ends_a_request() -> None:
     ben = Ben()
     ben.obeys = False
     ben.set("quad", reason="the battery is empty: charge it").point(QUAD).press().point(QUAD, 1.0)
@@ -217,7 +217,7 @@ def test_press_lands_the_quadrotor_at_the_cursor_of_just_before() -> None:
     assert ben.steering.target_m is None
 
 
-def test_long_headset_press_lands_the_quadrotor_at_the_cursor_before_it() -> None:
+def test_long_headset_press_lands_the_quadrotor_at_the_earlier_cursor() -> None:
     ben = Ben().take("quad").set("quad", phase="idle").point(THERE)
     ben.point((THERE[0] + 0.3, THERE[1], 0.0), 1.5).press(ago_s=1.5, source="headset")
     assert ben.steering.mode == "land"
@@ -374,7 +374,7 @@ def test_steering_agrees_with_the_taken_robot_for_any_actions(acts: list[tuple[s
         assert not cue.text.endswith(".")
 
 
-def test_press_beside_a_lone_robot_asks_and_a_second_press_takes_it() -> None:
+def test_press_beside_a_lone_robot_asks_and_another_takes_it() -> None:
     for behind_m in (0.5, 1.0, 1.5):
         assert Ben(alone="quad").point((2.0 + behind_m, 0.0, 0.0)).press().steering.robot == "", behind_m
     ben = Ben(alone="quad").point((2.5, 0.0, 0.0)).press()

@@ -163,7 +163,7 @@ async def test_hover_is_one_call_and_waits_after_changes_by_others(
     assert commanded() == [120, 100, 120, 132, 110]
 
 
-async def test_media_player_speaks_names_of_the_map_of_each_person_in_turn(
+async def test_media_player_speaks_each_persons_names_in_turn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome(
@@ -215,7 +215,7 @@ async def test_media_player_speaks_names_of_the_map_of_each_person_in_turn(
         await until(lambda: "nobody hears names: any text" in str(health[-1]), what="no voice left")
 
 
-async def test_speaker_without_a_voice_or_with_a_wrong_name_is_reported(
+async def test_speaker_without_a_voice_or_with_wrong_names_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = MemoryHome({"media_player.kitchen": ("idle", {})})

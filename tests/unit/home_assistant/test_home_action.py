@@ -34,7 +34,7 @@ def test_entity_is_switched_by_the_action_of_its_domain(
     assert (call.entity, f"{call.domain}.{call.service}", call.data) == (entity, service, {})
 
 
-def test_stated_action_has_its_data_and_is_ended_by_switching_off() -> None:
+def test_stated_action_gets_its_data_and_ends_by_switching_off() -> None:
     action = HomeAction.parse(
         '{"entity": "light.desk", "action": "light.turn_on", "data": {"brightness_pct": 40}}'
     )
@@ -67,7 +67,7 @@ def things(text: str) -> dict[str, Any]:
     return {each.id: each for each in things_of(parse_map_file(f"things: {text}".encode(), Path("m.yaml")))}
 
 
-def test_thing_of_an_entity_needs_no_position_and_may_be_a_switch() -> None:
+def test_thing_of_an_entity_needs_no_position_and_may_switch() -> None:
     found = things(
         "{a: {home_assistant: light.a}, b: {home_assistant: scene.b}, "
         "c: {home_assistant: {entity: light.c, action: light.turn_on, data: {flash: short}}}, "
@@ -104,7 +104,7 @@ def test_thing_of_an_entity_needs_no_position_and_may_be_a_switch() -> None:
         "{entity: light.a, action: light.turn_on, dat: {}}",
     ],
 )
-def test_home_assistant_of_a_thing_that_is_no_entity_is_an_error(value: str) -> None:
+def test_home_assistant_value_that_is_no_entity_is_an_error(value: str) -> None:
     with pytest.raises(
         ConfigError, match=r"home_assistant: write an entity of Home Assistant, such as light"
     ):

@@ -99,7 +99,7 @@ def test_hovered_lamp_changes_by_a_fifth_and_returns_exactly(
     assert site.is_forgotten
 
 
-def test_brightness_is_stored_before_the_call_and_one_call_shows_a_hover(site: LampSite) -> None:
+def test_brightness_is_stored_before_a_hovers_single_call(site: LampSite) -> None:
     site.hover()
     site.start()
     assert site.feedback.entities == (LAMP,), "killed before the call"
@@ -117,7 +117,7 @@ def test_brightness_is_stored_before_the_call_and_one_call_shows_a_hover(site: L
         pytest.param(100, OURS, id="no level between"),
     ],
 )
-def test_first_report_after_the_call_is_its_answer_with_any_rounding(
+def test_first_report_after_a_call_answers_it_with_any_rounding(
     site: LampSite, brightness: int, context: object
 ) -> None:
     site.show(brightness, context)
@@ -153,7 +153,7 @@ def test_fading_lamp_reports_levels_nearer_to_the_command(site: LampSite) -> Non
         pytest.param(121, DEVICE, id="hand at the wall later"),
     ],
 )
-def test_lamp_is_left_when_somebody_else_sets_it_during_the_hover(
+def test_lamp_set_by_somebody_during_a_hover_is_left_alone(
     site: LampSite, brightness: int, context: object
 ) -> None:
     site.show(120)
@@ -163,7 +163,7 @@ def test_lamp_is_left_when_somebody_else_sets_it_during_the_hover(
 
 
 @pytest.mark.parametrize(("brightness", "context"), [(110, APP), (119, AUTOMATION), (55, DEVICE)])
-def test_first_report_is_no_answer_if_somebody_else_has_caused_it(
+def test_first_report_caused_by_somebody_else_is_no_answer(
     site: LampSite, brightness: int, context: object
 ) -> None:
     site.show(brightness, context)
@@ -192,7 +192,7 @@ def test_lamp_is_restored_after_a_kill_unless_others_set_it(
     assert site.end() == end
 
 
-def test_lamp_that_goes_on_again_as_the_hover_left_it_is_restored(site: LampSite) -> None:
+def test_lamp_switched_on_again_at_the_hovers_brightness_is_restored(site: LampSite) -> None:
     site.show(120)
     site.report(None, APP)
     assert site.end() is None
@@ -202,7 +202,7 @@ def test_lamp_that_goes_on_again_as_the_hover_left_it_is_restored(site: LampSite
 
 
 @pytest.mark.parametrize(("brightness", "again"), [(100, None), (104, None), (118, 100)])
-def test_restored_lamp_is_called_again_only_if_it_still_shows_the_hover(
+def test_restored_lamp_is_called_again_only_while_showing_the_hover(
     site: LampSite, brightness: int, again: int | None
 ) -> None:
     site.show(118)
@@ -223,7 +223,7 @@ def test_lamp_shows_no_hover_until_a_foreign_brightness_has_stood(site: LampSite
     assert site.hover().data["brightness"] == 72
 
 
-def test_state_set_by_a_call_has_to_stand_after_a_connection(
+def test_state_set_by_a_call_must_settle_after_a_connection(
     site: LampSite,
 ) -> None:
     site.state = lamp(120, APP)

@@ -103,7 +103,7 @@ def test_killed_process_goes_on_at_each_step() -> None:
     assert killed(progress).state.step == "done"
 
 
-def test_new_zero_of_the_yaw_is_found_by_a_lamp_of_before() -> None:
+def test_new_yaw_zero_is_found_by_an_earlier_lamp() -> None:
     progress = at_place()
     progress.on_epoch(1)
     point(progress)
@@ -115,7 +115,7 @@ def test_new_zero_of_the_yaw_is_found_by_a_lamp_of_before() -> None:
     assert progress.state.presses[1].azimuth_rad == pytest.approx(math.atan2(-1.6, 2.4))
 
 
-def test_new_zero_at_the_second_place_is_found_at_the_first_one() -> None:
+def test_new_yaw_zero_at_place_two_is_found_at_place_one() -> None:
     progress = at_place()
     for _ in LAMPS:
         point(progress)

@@ -141,7 +141,7 @@ async def test_lost_connection_and_silence_are_warnings_of_their_own(bench: Benc
 
 
 @pytest.mark.parametrize(("again", "epoch"), [(Reconnected(keeps_yaw=True), 0), (Reconnected(), 1)])
-async def test_yaw_origin_is_new_after_reconnection_unless_the_device_kept_it(
+async def test_reconnection_renews_the_yaw_origin_unless_the_device_kept_it(
     again: Reconnected, epoch: int, bench: Bench, puppet: Puppet
 ) -> None:
     samples = bench.collect(IMU, "anna")
@@ -198,7 +198,7 @@ async def test_radio_bursts_are_stamped_with_their_times_of_capture(bench: Bench
     assert all(0 <= now_ns - stamp_ns < NS_PER_S // 20 for stamp_ns, now_ns in settled)
 
 
-async def test_age_metric_is_that_of_the_oldest_reading_of_a_second(bench: Bench, puppet: Puppet) -> None:
+async def test_age_metric_is_of_the_oldest_reading_in_a_second(bench: Bench, puppet: Puppet) -> None:
     """In the last seconds, 40 readings wait for 10 to 400 ms, again and again."""
     health = bench.collect(HEALTH, INSTANCE)
     puppet.give(Reading(bench.clock.now_ns(), LEVEL))
@@ -247,9 +247,7 @@ async def test_raw_readings_of_a_sensor_at_rest_become_its_tilt(bench: Bench, pu
     assert said(health) == ""
 
 
-async def test_raw_readings_are_fused_by_arrival_when_their_unit_is_wrong(
-    bench: Bench, puppet: Puppet
-) -> None:
+async def test_raw_readings_with_a_wrong_unit_are_fused_by_arrival(bench: Bench, puppet: Puppet) -> None:
     pytest.importorskip("vqf")
     samples = bench.collect(IMU, "anna")
     health = bench.collect(HEALTH, INSTANCE)

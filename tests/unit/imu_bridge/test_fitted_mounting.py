@@ -41,7 +41,7 @@ def assert_same(a: Quaternion, b: Quaternion, tolerance_deg: float = 1e-3) -> No
 
 
 @given(roll=angles, pitch=st.floats(-1.5, 1.5), yaw=angles, azimuth=angles, drift=angles, twist=angles)
-def test_mounting_is_recovered_for_any_heading_and_twist_of_the_arm(
+def test_mounting_is_recovered_for_any_heading_and_arm_twist(
     *, roll: float, pitch: float, yaw: float, azimuth: float, drift: float, twist: float
 ) -> None:
     worn = from_roll_pitch_yaw(roll, pitch, yaw)
@@ -53,7 +53,7 @@ def test_mounting_is_recovered_for_any_heading_and_twist_of_the_arm(
 
 
 @given(low=slight, high=slight)
-def test_error_of_the_mounting_is_at_most_that_of_the_poses(low: float, high: float) -> None:
+def test_mounting_error_is_at_most_the_mean_pose_error(low: float, high: float) -> None:
     worn = from_roll_pitch_yaw(1.0, 0.4, 2.0)
     found = solve_mounting(held(0.5, low, worn), held(0.5, math.pi / 2 + high, worn))
     arm = rotation.rotate(found.arm_from_true, (1.0, 0.0, 0.0))

@@ -132,7 +132,7 @@ def test_lost_readings_are_bridged_by_the_clock_of_the_device() -> None:
     assert error_deg(wrist, orientations) < 1.5
 
 
-def test_bias_above_the_filters_limit_is_removed_when_the_device_rests() -> None:
+def test_bias_above_the_filters_limit_is_removed_at_rest() -> None:
     wrist = simulated_wrist(2, SECONDS, bias_degps=6.0)
     orientations = fused(Fusion(), wrist.readings(device_time=True))
     assert error_deg(wrist, orientations) < 1.5

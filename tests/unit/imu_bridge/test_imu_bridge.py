@@ -249,7 +249,7 @@ def test_clock_of_32_bits_is_unwrapped() -> None:
     assert epoch.count == 1
 
 
-def test_first_connection_keeps_the_yaw_epoch_and_later_ones_raise_it() -> None:
+def test_first_connection_keeps_the_yaw_epoch_and_later_ones_raise() -> None:
     epoch = YawEpoch()
     epoch.reconnected()
     assert epoch.count == 0
@@ -363,7 +363,7 @@ async def test_page_sample_is_published_complete_and_its_absence_no_warning() ->
         assert (sample.battery, sample.device_time_ns, sample.yaw_epoch) == (0.5, 12, 1)
 
 
-async def test_device_presses_are_dropped_and_its_restart_noticed_beside_a_page(tmp_path: Path) -> None:
+async def test_device_presses_are_dropped_and_restarts_noticed_beside_a_page(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
         serial = SerialConfig(port=str(device.path), line="{t_us},{w},{x},{y},{z}")
         async with site(source="serial", serial=serial) as here:
@@ -452,7 +452,7 @@ async def test_health_shows_the_device_of_the_page_and_its_battery() -> None:
         await until(lambda: not here.figures() and not here.reports[-1].warnings)
 
 
-async def test_page_clock_ahead_is_a_warning_and_late_samples_are_counted() -> None:
+async def test_page_clock_ahead_is_warned_of_and_late_samples_counted() -> None:
     async with site(source="page") as here:
         here.send(ahead_s=30.0)
         await until(lambda: bool(here.reports) and bool(here.reports[-1].warnings))

@@ -249,7 +249,7 @@ def test_link_that_stalls_is_no_jump() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-3, 1000.0])
-def test_clock_is_not_used_when_its_unit_is_wrong_or_it_stands(speed: float) -> None:
+def test_device_clock_with_a_wrong_unit_or_standing_is_unused(speed: float) -> None:
     clock = DeviceClock()
     for number in range(2000):
         clock.capture_ns(round(number * 10 * MS * speed), HOST_NS + number * 10 * MS)
@@ -318,7 +318,7 @@ def finger(turned: PageOrientation | None) -> vector.Vec3:
     return rotation.rotate(turned.orientation_xyzw, (1.0, 0.0, 0.0))
 
 
-def test_mouse_gives_the_arm_itself_and_a_phone_points_with_its_top() -> None:
+def test_mouse_gives_the_arm_and_a_phone_points_its_top() -> None:
     hand = Hand()
     arm = rotation.from_azimuth_elevation(0.4, -0.2)
     assert finger(hand.send(0.0, "arm", arm)) == pytest.approx(vector.direction(0.4, -0.2))
@@ -346,7 +346,7 @@ def test_late_sample_is_dropped_and_still_holds_the_wrist() -> None:
     assert hand.send(0.2, comes_s=1.0) is not None  # said again, not older
 
 
-def test_sample_from_the_future_is_dropped_and_makes_no_other_late() -> None:
+def test_sample_from_the_future_is_dropped_without_making_others_late() -> None:
     hand = Hand()
     assert hand.send(7.0, comes_s=0.0) is None
     assert hand.page.ahead_ns == 7 * NS_PER_S
@@ -361,7 +361,7 @@ def test_page_moves_the_wrist_after_the_clock_was_set_back() -> None:
     assert hand.page.late == 0
 
 
-def test_mouse_keeps_the_yaw_origin_and_each_phone_session_has_its_own() -> None:
+def test_mouse_keeps_the_yaw_origin_and_phone_sessions_bring_theirs() -> None:
     hand = Hand()
     assert hand.epoch(0.0) == 0
     assert hand.epoch(5.0) == 0  # gave back, took again
@@ -387,7 +387,7 @@ def test_device_time_is_published_once_and_of_a_phone_alone() -> None:
     assert [each and each.device_time_ns for each in turned] == [None, 6, None, None, 7]
 
 
-def test_phone_stays_centred_and_a_mouse_until_it_releases_the_wrist() -> None:
+def test_phone_stays_centred_but_a_mouse_only_until_release() -> None:
     hand = Hand()
     devices: tuple[Device, ...] = ("phone", "arm")
     for began_s, device in enumerate(devices):
@@ -402,7 +402,7 @@ def test_phone_stays_centred_and_a_mouse_until_it_releases_the_wrist() -> None:
     assert hand.epoch(30.1, "arm") == 0
 
 
-def test_azimuth_is_refused_when_the_arm_is_steep_or_never_came() -> None:
+def test_azimuth_is_refused_when_the_arm_is_steep_or_missing() -> None:
     hand = Hand()
     with pytest.raises(ValueError, match="nothing yet"):
         hand.page.turn_to(0.0)

@@ -52,7 +52,7 @@ def held(kept: RetainedStates, topic: topics.Topic[Any]) -> dict[str, Message]:
     return dict(kept.lookup(topic))
 
 
-def test_every_state_is_retained_but_those_that_end_with_their_writers() -> None:
+def test_every_state_is_retained_except_those_ending_with_their_writers() -> None:
     states = [topic for topic in topics.TOPICS if topic.delivery is topics.Delivery.STATE]
     assert [topic for topic in states if topic not in retained()] == [
         topics.THING_STATES,

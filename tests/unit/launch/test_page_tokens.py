@@ -12,7 +12,7 @@ def kept_at(state: Path, site: str = "lab") -> Path:
     return state / site / "web" / "tokens.json"
 
 
-def test_tokens_stay_the_same_for_a_site_in_a_private_file(own_state: Path) -> None:
+def test_tokens_of_a_site_persist_in_a_private_file(own_state: Path) -> None:
     tokens, notes = stored_tokens("lab")
     assert not notes
     assert stored_tokens("lab") == (tokens, ())

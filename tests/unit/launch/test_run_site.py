@@ -58,7 +58,7 @@ async def test_surroundings_have_the_first_free_colour(bus: MemoryBus) -> None:
     assert await surroundings(bus) == (USUAL, 2)
 
 
-async def test_a_person_may_not_be_called_like_a_shard_of_others(
+async def test_person_may_not_have_the_name_of_anothers_shard(
     monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
 ) -> None:
     monkeypatch.setattr("pointit.launch.run.run_site.SILENT_S", 0.01)
@@ -71,7 +71,7 @@ async def test_a_person_may_not_be_called_like_a_shard_of_others(
         await check_names(bus, ["anna", "hall"])
 
 
-async def test_name_check_waits_for_a_shard_that_is_about_to_serve(bus: MemoryBus) -> None:
+async def test_name_check_waits_for_a_shard_about_to_serve(bus: MemoryBus) -> None:
     bus.announce(SERVICE_ALIVE, "selector.anna")
     asyncio.get_running_loop().call_later(LISTEN_S + 0.2, bus.announce, SHARD_ALIVE, "selector.anna")
     await check_names(bus, ["anna"])
@@ -134,7 +134,7 @@ async def test_newer_deployment_of_another_process_is_not_retracted(bus: MemoryB
     assert all(each.services for each in told)
 
 
-def test_recording_that_was_cut_off_is_not_told_as_a_success(tmp_path: Path) -> None:
+def test_truncated_recording_is_not_reported_as_a_success(tmp_path: Path) -> None:
     launch = recorder_launch(tmp_path / "session.mcap")
     assert "is not there" in recorded(launch)
     write_recording(tmp_path / "session.mcap", session("scenario_1", 1.0))
@@ -152,7 +152,7 @@ def test_recording_that_was_cut_off_is_not_told_as_a_success(tmp_path: Path) -> 
         ("/proc", "/proc is a folder; give a file in it, such as /proc/session.mcap"),
     ],
 )
-def test_a_file_that_cannot_be_written_is_refused_before_anything_starts(file: str, sentence: str) -> None:
+def test_unwritable_file_is_refused_before_anything_starts(file: str, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         check_launches([recorder_launch(Path(file))])
 
@@ -245,7 +245,7 @@ def test_shards_have_the_scenarios_parameters_and_the_sites_map() -> None:
     check_launches([pui, selector])
 
 
-def test_person_has_the_shards_of_the_scenario_with_the_set_map() -> None:
+def test_persons_shard_has_the_set_map_and_their_own_settings() -> None:
     (pui,) = shards("pui", settings=["pui.map=lab", "pui.anna.tolerance_deg=3"])
     room = pui.config
     assert isinstance(room, PuiConfig)

@@ -71,7 +71,7 @@ def test_a_shipped_scenario_can_be_started_for_several_people(name: str) -> None
     check_launches(launches)
 
 
-def test_the_method_of_selecting_can_be_chosen_where_something_is_selected() -> None:
+def test_selection_method_can_be_chosen_only_where_something_is_selected() -> None:
     assert config_of(site(method="hold"), "selector")["method"] == "hold"
     with pytest.raises(ConfigError, match=r"--method hold: nothing is selected in scenario_2\.yaml"):
         site("scenario_2", method="hold")
@@ -205,7 +205,7 @@ def test_a_setting_without_effect_is_refused() -> None:
     check_settings(launches + user_launches(scenario, choices, "anna"), choices)
 
 
-def test_names_of_services_may_have_underscores_as_other_names_in_yaml(tmp_path: Path) -> None:
+def test_service_names_may_have_underscores_in_files_and_settings(tmp_path: Path) -> None:
     file = written(tmp_path / "room.yaml", "user_sim: {rate_hz: 30}\nrobot.quad: {}\n")
     chosen: dict[str, Any] = {"files": [file], "settings": ["conveyor_sim.seed=7"]}
     assert config_of(person(**chosen), "user-sim")["rate_hz"] == 30
@@ -308,7 +308,7 @@ def test_people_have_different_cursor_colours_unless_the_scenario_sets_them() ->
     assert config_of(launches, "supervisor")["profile"]["cursor_color"] == (1, 2, 3)
 
 
-def test_a_map_stands_beside_its_scenario_and_people_want_its_kinds(tmp_path: Path) -> None:
+def test_map_is_beside_its_scenario_and_people_want_target_kinds(tmp_path: Path) -> None:
     text = "target_kinds: [purple]\nsite: {pui: {map: room.yaml}}\nuser: {user-sim: {behaviour: select}}\n"
     file = str(written(tmp_path / "mine.yaml", GOOD + text))
     assert read_scenario(file).site["pui"]["map"] == str(tmp_path / "room.yaml")
@@ -330,7 +330,7 @@ def test_names_in_scenarios_and_files_of_parameters_are_literal_text(tmp_path: P
     assert config["feeder_belts"] == {"on": "010", "off": "1_0", "0x1": "12:30"}
 
 
-def test_goal_belongs_to_the_scenario_and_not_to_an_own_room(tmp_path: Path) -> None:
+def test_goal_belongs_to_the_scenario_and_not_to_own_rooms(tmp_path: Path) -> None:
     assert read_scenario("scenario_4").goal == "Move onto a red package and stay on it until it is full."
     room = tmp_path / "room.yaml"
     room.write_text("things: {lamp: {center: [2, 0, 1], size: [0.2, 0.2, 0.2]}}\n", encoding="utf-8")

@@ -130,7 +130,7 @@ def test_dispatched_object_counts_while_the_selector_is_down() -> None:
     assert score.counts() == {**NONE, "selected": 1, "missed": 1, "wrong": 1}
 
 
-def test_bays_count_what_came_out_once_however_often_it_is_told() -> None:
+def test_package_reported_twice_as_dispatched_is_counted_once() -> None:
     score = RunScore(("red",))
     for told in (dispatched("a", "red", "1", "anna"), dispatched("b", "blue", "3")):
         score.on_event(told)
@@ -228,7 +228,7 @@ def test_only_the_first_frame_of_a_capture_counts() -> None:
     assert latency.quantiles_ms()["p50"] == pytest.approx(8, rel=0.003)
 
 
-def test_frames_of_unknown_captures_and_cursors_on_nothing_do_not_count() -> None:
+def test_unknown_captures_and_cursors_on_nothing_have_no_latency() -> None:
     latency = Latency()
     latency.on_cursor(cursor(100, surface="none"))
     latency.on_frame(frame(100), 108 * MS, 1.0)
@@ -292,7 +292,7 @@ def test_a_summary_reads_well() -> None:
     ]
 
 
-def test_a_summary_says_what_was_refused_and_who_was_not_found() -> None:
+def test_summary_reports_refusals_and_people_who_were_not_located() -> None:
     refused = {**SUMMARY, "refused": 1, "last_refusal": "red 7 is past its last way", "not_found": ["ben"]}
     assert summary_lines(refused)[2:4] == [
         "Refused once: red 7 is past its last way.",

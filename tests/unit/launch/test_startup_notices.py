@@ -35,7 +35,7 @@ def said(choices: Choices, user: str = "anna", index: int = 0) -> list[str]:
 
 
 @pytest.mark.parametrize("index", [0, 1])
-def test_notice_states_the_assumed_place_of_a_person_with_a_device(index: int) -> None:
+def test_notice_states_the_assumed_place_of_people_with_devices(index: int) -> None:
     place = read_scenario("scenario_3").places[index]
     x_m, y_m, _ = place.position_m
     (sentence,) = said(Choices(imu=[SERIAL]), index=index)

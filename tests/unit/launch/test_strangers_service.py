@@ -260,7 +260,7 @@ def test_plugin_rows_are_in_the_tables_and_give_rights() -> None:
     assert {"--with counter", "--with lost"} <= {row["use"] for row in plugins().rows}
 
 
-def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
+def test_service_raising_in_its_check_is_refused_in_a_sentence() -> None:
     launch = replace(counter(), config=registry.process("counter").config()(start=-1))
     with pytest.raises(ConfigError, match=r"counter: service 'counter' .*\(LookupError: no such number\)"):
         check_launches([launch])
@@ -296,7 +296,7 @@ async def test_service_alone_in_its_process_ends_unless_it_has_started(
 @pytest.mark.parametrize(
     ("start", "failure"), [(0, "ValueError: it has lived long enough"), (1, "BusClosedError: ")]
 )
-async def test_service_that_fails_is_named_and_restarted_and_ends_nothing_else(
+async def test_failing_service_is_named_and_restarted_and_ends_nothing_else(
     start: int, failure: str, monkeypatch: pytest.MonkeyPatch, bus: MemoryBus
 ) -> None:
     monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)

@@ -34,7 +34,7 @@ def warning(pixels: int, **fields: object) -> str:
     return told.warnings.get("wiring x", "")
 
 
-def test_rate_beyond_the_wire_is_reported_with_the_pixels_that_fit() -> None:
+def test_rate_beyond_the_wire_is_reported_with_the_fitting_pixels() -> None:
     sentence = warning(300)
     assert "300 pixels at 115200 baud: 88 ms a frame, 11.4 frames a second" in sentence
     fitting = re.search(r"(\d+) pixels fit", sentence)

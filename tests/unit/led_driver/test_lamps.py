@@ -54,7 +54,7 @@ def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
     }  # fmt: skip
 
 
-def test_lamp_colour_is_that_of_the_nearest_ray_of_several_people() -> None:
+def test_lamp_has_the_colour_of_the_nearest_ray() -> None:
     shining = lights(lamps="ab")
     shining.on_cursor("anna", cursor(a=15.0, b=0.0), NOW_NS)
     shining.on_cursor("ben", cursor(a=0.0), NOW_NS)
@@ -166,7 +166,7 @@ def test_no_lamp_flashes_more_than_three_times_a_second(changes: list[tuple[int,
     assert guard.show(changes[-1][1], now_ns + NS_PER_S) == changes[-1][1]
 
 
-def test_colour_held_back_is_shown_a_second_after_the_change_holding_it() -> None:
+def test_colour_held_back_is_shown_a_second_after_earlier_changes() -> None:
     guard = FlashGuard()
     turns = [0, 100, 200, 350, 500]
     for number, turn_ms in enumerate(turns):

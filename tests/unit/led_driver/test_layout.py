@@ -49,7 +49,7 @@ spans = st.tuples(st.floats(-1.0, 3.5), st.floats(0.2, 2.0))
 
 
 @given(st.data(), st.floats(-0.5, 3.5), st.floats(0.1, 1.0))
-def test_package_lights_the_pixels_beside_it_in_any_direction_and_clipping(
+def test_package_lights_the_adjacent_pixels_in_any_direction_with_clipping(
     data: st.DataObject, at_m: float, length_m: float
 ) -> None:
     offset_m, (start_m, span_m) = data.draw(offsets), data.draw(spans)
@@ -68,7 +68,7 @@ def test_package_lights_the_pixels_beside_it_in_any_direction_and_clipping(
 
 
 @given(st.floats(0.3, 2.8), st.floats(0.15, 0.6))
-def test_inner_and_outer_strip_of_a_curve_show_the_same_stretch(at_m: float, length_m: float) -> None:
+def test_both_strips_of_a_curve_show_the_same_stretch(at_m: float, length_m: float) -> None:
     belt = Belt(id="belt", line_m=arc(2.0), width_m=WIDTH_M)
     length = 2.0 * math.pi / 2
     strips = [

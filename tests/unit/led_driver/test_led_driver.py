@@ -172,7 +172,7 @@ async def test_unknown_colormap_is_said_until_another_is_chosen() -> None:
         assert frames
 
 
-async def test_lamp_colours_are_published_on_change_and_dark_at_the_end() -> None:
+async def test_lamp_colours_are_published_on_change_and_end_dark() -> None:
     clock = ManualClock()
     told: list[tuple[str, tuple[int, ...]]] = []
     async with memory_bench(clock) as bench:

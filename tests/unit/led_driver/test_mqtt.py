@@ -161,7 +161,7 @@ def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
     )
 
 
-def test_search_finds_lights_of_a_zigbee2mqtt_with_a_base_topic_of_levels() -> None:
+def test_search_finds_zigbee2mqtt_lights_below_a_base_topic_with_levels() -> None:
     for base in ("zigbee2mqtt", "home/zigbee2mqtt", "de/home/z2m"):
         topic = f"{base}/bridge/devices"
         assert any(aiomqtt.Topic(topic).matches(each) for each in announcement_topics("house"))

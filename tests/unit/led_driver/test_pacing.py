@@ -33,7 +33,7 @@ def test_limiter_draws_cursors_at_once_and_other_changes_with_them() -> None:
     st.floats(10, 200),
     st.floats(0, 0.05),
 )
-def test_limiter_keeps_the_rate_and_no_request_waits_beyond_the_timeout(
+def test_limiter_keeps_the_rate_and_no_request_exceeds_the_timeout(
     wishes: list[tuple[float, bool]], rate_hz: float, patience_s: float
 ) -> None:
     pacer = FrameLimiter(rate_hz, patience_s)

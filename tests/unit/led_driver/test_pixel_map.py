@@ -34,7 +34,7 @@ def test_segments_have_parts_orders_and_directions_and_gaps_stay_dark() -> None:
     ) == ([50, 40, 60, 20, 10, 30, 0, 0, 0, 4, 5, 6, 9, 8, 7], [])
 
 
-def test_pixels_continue_in_the_next_universe_and_unused_ones_are_missing() -> None:
+def test_pixels_continue_in_the_next_universe_and_skip_unused_ones() -> None:
     segments = [Segment(strip="a", universe=2), Segment(strip="b", universe=7, offset=1)]
     pixel_map, problems = map_pixels(segments, STRIPS, block_pixels=2, first_block=1)
     assert problems == []

@@ -54,7 +54,7 @@ def test_cursor_lights_exactly_the_pixels_with_centres_under_it(
         assert not got[distance > pitch_m / 2 + 1e-5].any()
 
 
-def test_object_is_dim_or_bright_with_its_owners_ends_when_selected() -> None:
+def test_object_is_dim_until_selected_then_bright_with_owners_ends() -> None:
     assert Stage().put(item(0.6)).shown()[2:10] == [BLACK, *[DIM] * 6, BLACK]
     unknown = Stage().put(item(0.6)).select("anna").shown()
     assert unknown[2:10] == [BLACK, WHITE, *[RED] * 4, WHITE, BLACK]
@@ -182,7 +182,7 @@ def test_tail_is_behind_the_object_and_covers_none_of_it(
             assert color[0] <= DIM[0] / 2
 
 
-def test_last_pixel_of_a_moving_object_is_none_of_its_tail() -> None:
+def test_tail_of_a_moving_object_excludes_its_last_pixel() -> None:
     for number in range(3, 16):  # its front is at a pixel's centre, as well as floats have it
         shown = Stage(tail_s=0.2).put(item(0.1 * number - 0.05, 0.2, surface_speed_mps=1.0)).shown()
         assert {shown[number - 1], shown[number]} <= {DIM, BLACK}
@@ -206,7 +206,7 @@ def test_short_object_is_one_pixel_of_its_colour() -> None:
     assert shown[4:7] == [BLACK, RED, BLACK]
 
 
-def test_unknown_kind_has_the_default_colour_and_unknown_lines_are_dark() -> None:
+def test_unknown_kind_has_a_default_colour_and_unknown_lines_stay_dark() -> None:
     assert Stage().put(item(0.6, kind="?")).select("x").shown()[5] == (8, 8, 8)
     assert Stage().put(item(0.5, surface_id="x")).point("anna", 0.5, "x").lit() == []
     assert Stage().put(item(0.5, surface="none")).point("anna", 0.5, surface="none").lit() == []

@@ -148,7 +148,7 @@ def test_channels_are_those_of_the_manual_behind_the_address() -> None:
     assert not any(values[:10] + values[19:])
 
 
-def test_axis_is_rounded_without_a_fine_channel_and_mirrored_if_inverted() -> None:
+def test_axis_is_rounded_without_fine_channel_and_mirrored_if_inverted() -> None:
     channels = {
         "pan": 2,
         "pan_fine": 0,
@@ -260,7 +260,7 @@ def turn_rad(a: HeadMounting, b: HeadMounting) -> float:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_pose_fit_of_four_places_errs_by_a_fifth_of_a_degree(seed: int) -> None:
+def test_head_pose_is_fitted_from_four_places_despite_pointing_errors(seed: int) -> None:
     chance = random.Random(seed)
     truth = mounting(chance)
     fit = fit_pose(pointed(truth, LAMPS, chance, math.radians(0.2)), LAMPS)

@@ -107,7 +107,7 @@ async def test_output_failure_is_reported_and_costs_other_outputs_nothing() -> N
             assert any(re.fullmatch(re.escape(label) + problem, each) for each in said), problem
 
 
-async def test_outputs_of_one_kind_share_no_warnings_metrics_or_stored_state() -> None:
+async def test_outputs_of_one_kind_share_no_warnings_metrics_or_state() -> None:
     config = LedDriverConfig.model_validate(
         {"outputs": [{"kind": "numbered", "number": 1}, {"kind": "numbered", "number": 2}]}
     )

@@ -129,7 +129,7 @@ def test_hover_of_a_silent_person_ends_while_others_localize() -> None:
     assert shining.lamps.next_change_ns() == NOW_NS + 3001 * MS  # the queue's
 
 
-def test_lamp_of_a_thing_flashes_at_most_three_times_a_second() -> None:
+def test_things_lamp_flashes_at_most_three_times_a_second() -> None:
     shining = lights()
     shown = [DARK]
     for step in range(50):
@@ -138,7 +138,7 @@ def test_lamp_of_a_thing_flashes_at_most_three_times_a_second() -> None:
     assert sum(one != other for one, other in itertools.pairwise(shown)) == 5
 
 
-async def test_driver_updates_a_lamp_with_hover_and_selection_of_its_thing() -> None:
+async def test_driver_updates_a_lamp_with_its_things_hover_and_selection() -> None:
     clock = ManualClock()
     told = list[Color]()
 

@@ -63,7 +63,7 @@ def test_channel_lights_as_many_pixels_as_its_board_drives(board: str, order: st
     assert f"channel 0 with strip 0 has {limit + 1} pixels, board {board} drives {limit}:" in problems[0]
 
 
-def test_warning_for_vr_belts_on_one_wire_has_rate_and_fitting_pixels() -> None:
+def test_warning_for_vr_belts_states_rate_and_fitting_pixels() -> None:
     environment, _ = load_map_and_clouds("vr_belts", 0)
     counts = [strip.pixels for strip in environment.strips]
     sentence = shown(counts)
@@ -175,7 +175,7 @@ def test_too_many_strips_are_said() -> None:
     assert "65 strips" in problems[0]
 
 
-def test_board_shows_the_picture_from_its_first_frame_when_plugged_in() -> None:
+def test_plugged_in_board_shows_the_picture_from_its_first_frame() -> None:
     output = ExpanderOutput(ExpanderConfig(), Surroundings.detached())
     output.set_strips([strip("a", 2)])
     assert output.encode_opening(b"\1\2\3\4\5\6") == output.encode(b"\1\2\3\4\5\6")

@@ -52,7 +52,7 @@ def test_this_is_nearer_than_that_when_both_are_possible() -> None:
     assert decide(this, names=()).do == "refuse", "where nothing has that verb, nothing is meant"
 
 
-def test_here_is_the_speakers_place_and_there_one_on_the_floor() -> None:
+def test_here_means_the_speakers_place_and_there_the_floor() -> None:
     rays = gesture([(90.0, 0.0, 2.0)])
     here = referents(
         rays, THREE, Spoken(at_ns=at_ns(1.0), word="here", own_m=(1.0, 2.0, 0.0), user="anna")

@@ -302,7 +302,7 @@ def gathered(stamps_s: list[float], azimuths_rad: list[float], targets_x: list[f
     )
 
 
-def test_a_block_is_the_mean_of_what_was_measured_within_its_time() -> None:
+def test_block_is_the_mean_of_measurements_within_its_time() -> None:
     stamps = [0.0, 0.05, 0.10, BLOCK_S + 0.01]
     summary = blocks(gathered(stamps, [0.1, 0.2, 0.3, 0.5], [2.0] * 4))
     assert summary.samples.tolist() == [3.0, 1.0]
@@ -325,7 +325,7 @@ def test_holds_at_one_target_at_rest_are_one() -> None:
     assert summary.is_still
 
 
-def test_a_target_that_creeps_moves_and_one_that_trembles_does_not() -> None:
+def test_creeping_target_counts_as_moving_and_trembling_as_still() -> None:
     stamps = [0.1 * i for i in range(20)]
     assert not blocks(gathered(stamps, [0.0] * 20, [2.0 + 0.02 * i for i in range(20)])).is_still
     assert blocks(gathered(stamps, [0.0] * 20, [2.0 + 0.01 * (i % 2) for i in range(20)])).is_still

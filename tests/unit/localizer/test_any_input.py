@@ -48,7 +48,7 @@ AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
     0,
     LOOSE,
 )
-def test_any_robots_and_rays_give_a_refusal_or_a_valid_pose(
+def test_any_robots_and_rays_give_refusals_or_valid_poses(
     robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
     rays: list[tuple[tuple[float, float, float], float, float]],
     off_ns: int,

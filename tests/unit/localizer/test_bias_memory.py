@@ -87,7 +87,7 @@ def test_bias_is_measured_by_three_seconds_but_not_by_less() -> None:
     assert short.learn(following(person, 3.0), SETTINGS, 0.0)
 
 
-def test_bias_memory_is_replaced_by_an_accepted_pose_of_another_person() -> None:
+def test_bias_memory_is_replaced_by_another_persons_accepted_pose() -> None:
     memory = learned(Person(bias_rad=math.radians(-12.0)))
     before = memory.remembered
     other = Person(bias_rad=math.radians(9.0))
@@ -110,7 +110,7 @@ def test_rays_of_another_body_are_solved_without_memory() -> None:
     assert memory.believed(taller, SETTINGS, 0.0) is SETTINGS
 
 
-def test_rays_of_a_sensor_that_is_worn_otherwise_are_solved_without_memory() -> None:
+def test_rays_of_a_differently_worn_sensor_are_solved_without_memory() -> None:
     person = Person(bias_rad=math.radians(5.0))
     memory = learned(person)
     rays = following(person, 4.0)

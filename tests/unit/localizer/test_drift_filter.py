@@ -58,7 +58,7 @@ def calibrated(person: Person, minutes: int = 3) -> DriftFilter:
 PERSON = Person(0.4, -0.3, 2.0, math.radians(6.0))
 
 
-def test_one_anchor_a_minute_tells_the_drift_of_an_exact_person() -> None:
+def test_one_anchor_a_minute_determines_an_exact_persons_drift() -> None:
     drift = calibrated(PERSON)
     pose = drift.predict(4 * MINUTE_NS)
     truth = drifted(PERSON, 4 * MINUTE_NS)
@@ -69,7 +69,7 @@ def test_one_anchor_a_minute_tells_the_drift_of_an_exact_person() -> None:
     assert math.hypot(pose.x_m - PERSON.x, pose.y_m - PERSON.y) < 0.05
 
 
-def test_an_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None:
+def test_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None:
     drift = calibrated(PERSON)
     spared = calibrated(PERSON)
     at_ns = 4 * MINUTE_NS
@@ -207,7 +207,7 @@ def test_facing_a_wall_sets_the_yaw_beyond_the_gate() -> None:
     assert not drift.update_heading(at_ns, 0.7, vector.direction(0.0, -1.5)).accepted
 
 
-def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
+def test_resting_arm_determines_the_rate_unlike_a_moving_one() -> None:
     drift = DriftFilter(fix(PERSON, 0))
     assert drift.update_rest_rate(20 * NS_PER_S, RATE_RADPS, math.radians(0.04)).accepted
     pose = drift.predict(3 * MINUTE_NS)
@@ -218,7 +218,7 @@ def test_a_resting_arm_tells_the_rate_and_a_moving_one_does_not() -> None:
     assert "rest it" in refused.reason
 
 
-def test_an_arm_held_up_cannot_make_the_rate_surer_than_people_creep() -> None:
+def test_raised_arm_cannot_make_the_rate_surer_than_people_creep() -> None:
     held = DriftFilter(fix(PERSON, 0))
     hanging = DriftFilter(fix(PERSON, 0))
     for second in range(1, 60):

@@ -70,7 +70,7 @@ def test_the_jacobian_is_that_of_the_residuals(seed: int) -> None:
         assert np.allclose(slope[near], jacobian[:, parameter][near], rtol=1e-4, atol=1e-4)
 
 
-def test_one_target_in_five_missed_by_20_degrees_hardly_moves_the_pose() -> None:
+def test_one_target_in_five_missed_by_20_degrees_barely_matters() -> None:
     targets = (*CORNERS, (0.5, 3.0, 0.5))
     person = Person(0.4, -0.6, 1.0)
     clean = pointings(person, targets)
@@ -96,7 +96,7 @@ def test_no_reflected_pose_with_three_targets(seed: int) -> None:
         assert position_error_m(result, person) < 1.0
 
 
-def test_the_height_is_found_when_it_is_left_free_and_believed_otherwise() -> None:
+def test_height_is_estimated_when_free_and_believed_otherwise() -> None:
     person = Person(0.4, -0.6, 1.0)
     gathered = pointings(person, (*CORNERS, (0.5, 3.0, 0.5)))
     raised = dataclasses.replace(gathered, targets_m=gathered.targets_m + np.array([0.0, 0.0, 0.4]))
@@ -179,7 +179,7 @@ WAY: tuple[Vec3, ...] = tuple(
 
 
 @given(st.sampled_from(["elevation_slope_sigma", "azimuth_slope_sigma", "body_sigma_m", "rate_sigma_radps"]))
-def test_less_known_about_a_person_is_less_known_about_their_pose(name: str) -> None:
+def test_less_knowledge_of_a_person_gives_a_less_certain_pose(name: str) -> None:
     known: list[dict[str, Any]] = [{name: sigma} for sigma in (0.0001, 0.05, 0.3)]
     for rays in (pointings(Person(0.6, -0.4, 1.0), CORNERS), pointings(Person(), WAY, each=1)):
         sigmas_m = [solved(rays, dataclasses.replace(UNLIMITED, **each)).position_sigma_m for each in known]
@@ -201,7 +201,7 @@ def test_drift_while_following_stays_within_the_uncertainty(rate_degps: float) -
 
 @settings(max_examples=20)
 @given(coordinates, angles, angles, st.tuples(st.floats(-500, 500), st.floats(-500, 500), st.floats(-9, 9)))
-def test_following_does_not_depend_on_the_origins_of_world_and_yaw(
+def test_following_is_independent_of_the_origins_of_world_and_yaw(
     x: float, yaw_rad: float, turn_rad: float, shift: Vec3
 ) -> None:
     here = pointings(Person(0.3 * x, 0.2, yaw_rad), WAY, each=1, noise_rad=0.02)
@@ -258,7 +258,7 @@ def is_outside(solution: Solution, off_m: float, turned_rad: float) -> bool:
     return off_m > 2.0 * solution.position_sigma_m or abs(turned_rad) > 2.0 * solution.yaw_sigma_rad
 
 
-def test_latency_is_shown_by_a_rising_robot_but_no_level_circle() -> None:
+def test_latency_is_observable_for_rising_robots_but_not_level_circles() -> None:
     """A latency turns the pose about the middle of a level circle, and no residual shows it."""
     level, rising = (following(3, 0.2, 12.0, rise_m)[0] for rise_m in (0.0, 1.0))
     hidden, seen = (solved(each, SolverSettings(latency_sigma_s=0.15)) for each in (level, rising))
@@ -297,7 +297,7 @@ def test_tracker_states_its_latency_with_every_report(stated_s: float | None) ->
     assert (sigma_rad > math.radians(3.0)) == (stated_s != 0.0)
 
 
-def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> None:
+def test_refusal_names_the_latency_when_it_alone_causes_the_uncertainty() -> None:
     gathered, _ = following(1, 0.0, period_s=3.0, rise_m=0.0)
     assert isinstance(solve(gathered, PUNCTUAL), Solution)
     result = solve(gathered, SolverSettings())

@@ -141,7 +141,7 @@ def test_landings_teach_the_elevation_of_the_person(anchors: bool | None) -> Non
     assert bool(person.anchors) is bool(anchors)
 
 
-def test_landings_before_a_new_pose_do_not_count_in_its_elevation() -> None:
+def test_landings_before_a_new_pose_do_not_affect_its_elevation() -> None:
     person = Listener(anchors=None)
     for _ in range(8):
         person.select(4.0)
@@ -158,7 +158,7 @@ def test_without_anchors_landings_change_neither_the_yaw_nor_the_place() -> None
     assert (pose.position_m, pose.yaw_rad) == ((0.0, 0.0, 0.0), 0.0)
 
 
-def test_elevation_of_a_calibrated_person_or_far_beside_is_not_learned() -> None:
+def test_elevation_is_not_learned_from_calibrated_people_or_far_misses() -> None:
     calibrated = Listener(anchors=None)
     calibrated.select(4.0, elevation_sigma_rad=0.02)
     beside = Listener(anchors=None)
@@ -195,7 +195,7 @@ def test_landing_after_a_long_rest_is_of_another_reach() -> None:
         {"object_id": "package_7"},
     ],
 )
-def test_landing_is_no_anchor_without_the_persons_confirmation_at_a_thing(change: dict[str, Any]) -> None:
+def test_landing_is_no_anchor_unless_the_person_confirms_a_thing(change: dict[str, Any]) -> None:
     person = Listener.at_the_lamp()
     person.confirm(CONFIRMED.model_copy(update=change))
     assert person.outputs == []

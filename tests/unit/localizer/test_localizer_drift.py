@@ -41,7 +41,7 @@ def person(yaw_deg: float) -> Person:
 
 
 @in_virtual_time
-async def test_anchor_corrects_a_fixed_pose_which_is_tracked_from_then_on() -> None:
+async def test_anchor_corrects_a_fixed_pose_that_is_tracked_afterwards() -> None:
     async with worn(FIXED, VirtualClock(), person(28.0)) as wearer:
         assert len(wearer.poses) == 1
         living = asyncio.create_task(wearer.live())
@@ -86,7 +86,7 @@ async def test_impossible_anchor_is_refused_immediately() -> None:
         assert "anna is being localized now" in await reason()
 
 
-async def test_an_untold_yaw_is_warned_of_with_the_remedy_until_an_anchor() -> None:
+async def test_unknown_yaw_warning_has_the_remedy_until_an_anchor() -> None:
     clock = ManualClock()
     async with worn(FIXED.model_copy(update={"track_drift": True}), clock) as wearer:
         clock.advance(60.0)
@@ -98,7 +98,7 @@ async def test_an_untold_yaw_is_warned_of_with_the_remedy_until_an_anchor() -> N
 
 
 @pytest.mark.parametrize(("state", "rate_degps"), [("idle", 0.3), ("pointing", 0.0)])
-async def test_a_resting_arm_is_listened_to_while_no_cursor_is_shown(
+async def test_resting_arm_measures_drift_only_while_no_cursor_is_shown(
     state: Literal["idle", "pointing"], rate_degps: float
 ) -> None:
     clock = ManualClock()

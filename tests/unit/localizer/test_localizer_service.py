@@ -34,7 +34,7 @@ WITH_FOUR = ROOM.model_copy(update={"lamps": FOUR})
 STATIC = LocalizerConfig(method="static_targets", order="given", reaction_s=0.5, hold_s=1.0)
 
 
-async def test_fixed_pose_is_there_for_late_joiners_and_start_confirms_it() -> None:
+async def test_late_joiners_get_a_fixed_pose_that_start_confirms() -> None:
     async with worn(LocalizerConfig(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0)) as room:
         late = Wearer(room.bench, Person())
         await room.bench.settle()
@@ -180,7 +180,7 @@ async def localize_by_robot(room: Wearer, mounting: str = "band") -> UserPose:
 
 
 @in_virtual_time
-async def test_localizations_by_a_robot_remember_the_elevation_bias_until_it_is_forgotten() -> None:
+async def test_robot_localizations_remember_the_elevation_bias_until_it_is_forgotten() -> None:
     person = Person(0.5, -0.3, 1.1, math.radians(6.0))
     async with worn(FOLLOWS, VirtualClock(), person, None) as room:
         first = (await localize_by_robot(room)).remembered_bias
@@ -204,7 +204,7 @@ async def test_localizations_by_a_robot_remember_the_elevation_bias_until_it_is_
 
 
 @in_virtual_time
-async def test_a_new_localizer_continues_with_the_bias_that_the_one_before_remembered() -> None:
+async def test_new_localizer_continues_with_the_remembered_bias() -> None:
     person = Person(0.5, -0.3, 1.1, math.radians(6.0))
     remembered = RememberedBias(
         localizations=4,

@@ -131,7 +131,7 @@ def test_procedure_refuses_a_wrong_mounting_and_says_what_to_do(
     assert f"seems to be mounted {how}; run `pointit person calibrate mounting" in last.reason
 
 
-def test_rays_that_do_not_follow_are_not_blamed_on_the_sensor() -> None:
+def test_rays_that_do_not_follow_are_not_blamed_on_sensors() -> None:
     gathered = following(2, TURNS["along"])
     generator = np.random.default_rng(3)
     for _ in range(20):

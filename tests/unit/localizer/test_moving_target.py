@@ -150,7 +150,7 @@ def test_a_robot_that_is_tracked_twice_is_one() -> None:
 
 
 @pytest.mark.parametrize("trackers", [("ahead", "room"), ("room", "ahead")])
-def test_second_tracker_with_a_wrong_clock_does_not_spoil_the_pose(trackers: tuple[str, str]) -> None:
+def test_second_tracker_with_a_wrong_clock_leaves_the_pose_intact(trackers: tuple[str, str]) -> None:
     ahead_s = {"ahead": 60.0, "room": 0.0}
 
     def reports(t_s: float) -> dict[str, TrackedObjects]:
@@ -253,7 +253,7 @@ def test_a_window_forgets_and_takes_no_older_ray() -> None:
     assert (len(window), window.newest_ns) == (3, START_NS + round(2.5 * NS_PER_S))
 
 
-def test_standing_robot_is_the_reason_without_a_request_for_another_place() -> None:
+def test_standing_robot_is_the_reason_without_requesting_another_place() -> None:
     stands: Vec3 = (2.5, 1.0, 0.2)
     outputs = fly(
         MovingTarget(config()),
@@ -317,7 +317,7 @@ def stated(pose: UserPose) -> float:
     return math.sqrt(float(np.linalg.eigvalsh(np.array(pose.covariance).reshape(3, 3)[:2, :2])[1]))
 
 
-def test_newest_half_that_has_too_few_rays_of_its_own_contradicts_nothing() -> None:
+def test_newest_half_with_too_few_rays_contradicts_nothing() -> None:
     """Rays at 3 Hz: enough for a pose in 10 s, too few in 5 s."""
     outputs = live(started(config()), 0.0, 12.0, rays_hz=3.0)
     (found,) = poses(outputs)
@@ -364,7 +364,7 @@ def test_heading_may_drift_while_nothing_comes(pause_s: float, turned_deg: float
     assert last.reason == (CONTRADICTED if is_told else "")
 
 
-def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
+def test_rays_from_before_the_start_make_no_pose() -> None:
     procedure = MovingTarget(config())
     start_ns = START_NS + 12 * NS_PER_S
     procedure.start(start_ns)
@@ -420,7 +420,7 @@ def test_calibrated_person_has_no_remembered_bias() -> None:
     assert (memory.used, memory.learned) == ([], [])
 
 
-def test_rays_that_go_on_are_no_second_measurement_of_the_bias() -> None:
+def test_continuing_rays_are_no_second_measurement_of_the_bias() -> None:
     memory = RecordingMemory()
     procedure = MovingTarget(config(autostart=True, max_place_sigma_m=0.3), memory)
     assert len(poses(fly(procedure, 12.0))) > 5
@@ -485,7 +485,7 @@ def test_one_that_leaves_is_let_go() -> None:
     assert (decide(meant, a=1.0, b=6.0), decide(meant, b=1.0)) == ("a", "b")
 
 
-def test_two_that_fit_differently_well_are_told_apart_by_their_probability_alone() -> None:
+def test_robots_that_move_alike_are_distinguished_by_their_probability_alone() -> None:
     """1.0° against 1.5° is half as much again; of nine pointings that may still be chance."""
     assert "two robots move alike, a and b" in decide(TargetDisambiguator(), a=1.0, b=1.5)
     assert decide(TargetDisambiguator(), a=1.0, b=3.5) == "a"

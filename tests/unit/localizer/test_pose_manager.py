@@ -213,7 +213,7 @@ def test_restoring_a_pose_twice_does_not_make_it_more_certain() -> None:
         (1.0, 1e12, -1e12, -1e12, 0.0, 1.0, 1e12, 1e12, -1e12),
     ],
 )
-def test_an_anchor_is_asked_for_whatever_a_tracker_says_of_its_certainty(covariance: Covariance) -> None:
+def test_anchor_is_requested_whatever_certainty_a_tracker_states(covariance: Covariance) -> None:
     locating = started()
     pose = UserPose(
         stamp_ns=START_NS, position_m=(1.0, 1.0, 0.0), yaw_rad=0.0, method="external", covariance=covariance

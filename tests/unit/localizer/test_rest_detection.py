@@ -106,7 +106,7 @@ def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
     assert (tracking.due(at(20.0)) is not None) is follow
 
 
-def test_the_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
+def test_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
     tracking = localized()
     for t_s in (20.0, 40.0, 60.0):
         tracking.anchor(LAMP, pointing(t_s))  # the drift is known by now
@@ -197,7 +197,7 @@ def test_a_rest_counts_until_a_cursor_appears() -> None:
 
 @pytest.mark.parametrize("restarted", [False, True])
 @pytest.mark.parametrize("follow", [None, False])
-def test_yaw_is_unknown_after_another_yaw_origin_until_it_is_measured(
+def test_yaw_is_unknown_after_a_new_origin_until_measured_again(
     *, restarted: bool, follow: bool | None
 ) -> None:
     tracking = localized(follow=follow)
@@ -329,7 +329,7 @@ def test_short_rest_has_no_rate() -> None:
     assert fed(RestDetector(), stream(lambda _: 0.0, lambda _: HANGING, 2.5)) == []
 
 
-def test_gaps_and_clock_steps_restart_a_rest_and_repeats_are_ignored() -> None:
+def test_gaps_and_clock_steps_restart_rests_and_repeats_are_ignored() -> None:
     samples = stream(lambda t: DRIFT_RADPS * t, lambda _: HANGING, 6.0)
     twice = [sample for sample in samples for _ in range(2)]
     assert fed(RestDetector(), twice) == fed(RestDetector(), samples)

@@ -277,7 +277,7 @@ def test_the_choice_is_the_one_that_leaves_the_least_uncertainty(seed: int) -> N
     assert volume(chosen) == pytest.approx(min(volume(index) for index in (2, 3, 4)), rel=1e-6)
 
 
-def test_before_a_pose_is_known_the_same_direction_twice_is_avoided() -> None:
+def test_first_targets_are_not_in_the_same_direction() -> None:
     lamps: list[Vec3] = [(3.0, 0.0, 1.6), (3.05, 0.0, 1.6), (0.0, 3.0, 0.1), (-3.0, 0.0, 0.1)]
     first = next_target(lamps, [0, 0, 0, 0], ObservationModel())
     visits = [0, 0, 0, 0]
@@ -286,7 +286,7 @@ def test_before_a_pose_is_known_the_same_direction_twice_is_avoided() -> None:
     assert {first, second} == {2, 3}  # low and far apart
 
 
-def test_the_worlds_origin_and_the_order_of_lamps_do_not_matter() -> None:
+def test_worlds_origin_and_the_order_of_lamps_do_not_matter() -> None:
     shifted = [(x + 100.0, y - 50.0, z + 7.0) for x, y, z in LAB]
     for visits in ([0, 0, 0, 0], [0, 1, 0, 0], [1, 1, 0, 0]):
         here = next_target(LAB, visits, ObservationModel())
@@ -295,7 +295,7 @@ def test_the_worlds_origin_and_the_order_of_lamps_do_not_matter() -> None:
         assert LAB[::-1][back] == LAB[here]
 
 
-def test_the_yaw_is_told_best_by_a_far_and_level_lamp() -> None:
+def test_yaw_is_determined_best_by_a_far_and_level_lamp() -> None:
     lamps: list[Vec3] = [(0.1, 0.0, 0.0), (1.0, 0.0, 1.6), (6.0, 0.0, 1.6), (1.0, 1.0, 5.0)]
     vague = np.diag([0.04, 0.04, 0.3])
     assert best_for_yaw(lamps, (0.0, 0.0), vague, ObservationModel()) == 2

@@ -117,7 +117,7 @@ async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
 
 
 @in_virtual_time
-async def test_silent_person_frees_the_lamps_and_a_long_wait_is_refused() -> None:
+async def test_silent_person_frees_the_lamps_and_long_waits_are_refused() -> None:
     async with room_of("anna") as room:
         bench = room.bench
 
@@ -176,7 +176,7 @@ async def test_restarted_led_driver_switches_lamps_off_and_keeps_the_queue() -> 
 
 
 @in_virtual_time
-async def test_without_led_driver_people_are_localized_by_lamps_that_are_named() -> None:
+async def test_people_without_led_driver_are_localized_by_named_lamps() -> None:
     async with room_of("anna") as room:
         await room.bench.end(room.led_driver)
         assert await room.start("anna") == "localizing by static targets"

@@ -366,7 +366,7 @@ UNASKED = {"azure_kinect.ply": ("up",), "gnss_feet.txt": ("unit",)}
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-def test_a_cloud_is_read_right_or_refused_with_parameters_that_work(tmp_path: Path, name: str) -> None:
+def test_cloud_is_read_correctly_or_refused_with_working_parameters(tmp_path: Path, name: str) -> None:
     content, parameters = CLOUDS[name]
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     path = tmp_path / "room.yaml"

@@ -41,7 +41,7 @@ def test_csv_gives_back_lines_pixels_and_corners() -> None:
     assert len(back["desk"].line) == 3
 
 
-def test_pixels_far_apart_are_refused_until_a_gap_or_strips_are_declared() -> None:
+def test_distant_pixels_are_refused_until_gap_or_strips_are_declared() -> None:
     places = [f"{0.1 * n},0,0" for n in range(10)] + [f"{5 + 0.1 * n},1,0" for n in range(5)]
     text = "x,y,z\n" + "\n".join(places)
     with pytest.raises(
@@ -54,7 +54,7 @@ def test_pixels_far_apart_are_refused_until_a_gap_or_strips_are_declared() -> No
     assert [strip.pixels for strip in exchange.from_csv("\n".join(named)).values()] == [10, 5]
 
 
-def test_csv_of_strips_with_and_without_names_has_all_of_them() -> None:
+def test_csv_strips_with_and_without_names_are_all_read() -> None:
     text = "x,y,z,strip\n0,0,0,\n0.1,0,0,\n0,1,0,strip_1\n0.1,1,0,strip_1\n0.2,1,0,strip_1\n"
     pixels = {name: strip.pixels for name, strip in exchange.from_csv(text).items()}
     assert pixels == {"strip_1_2": 2, "strip_1": 3}
@@ -77,7 +77,7 @@ def test_any_text_is_an_error_of_one_sentence_or_strips(text: str) -> None:
         assert exchange.from_ledmap(text, 0.05)
 
 
-def test_segments_have_names_that_a_map_can_have_and_none_is_lost() -> None:
+def test_segments_get_valid_map_names_and_none_is_lost() -> None:
     named = [{"start": 10 * n, "stop": 10 * n + 9 + n, "n": name} for n, name in enumerate(NAMES)]
     segments = exchange.from_segments(json.dumps({"seg": named}))
     counts = {name: each.pixels for name, each in segments.items()}
@@ -115,7 +115,7 @@ def read_any(text: str) -> None:
 
 
 @pytest.mark.parametrize("name", LIMITED)
-def test_files_beyond_a_limit_are_refused_at_once_in_one_sentence(name: str) -> None:
+def test_files_beyond_a_limit_are_refused_in_one_sentence(name: str) -> None:
     text, message = LIMITED[name]
     began_s = time.process_time()
     with pytest.raises(ConfigError, match=message) as caught:

@@ -186,7 +186,7 @@ def test_irregular_pixels_stay_where_they_are(name: str) -> None:
     assert not [each.text for each in findings if "put vertices in order" in each.text]
 
 
-def test_a_missing_pixel_ends_a_strip_if_a_gap_is_declared() -> None:
+def test_missing_pixel_ends_a_strip_if_a_gap_is_declared() -> None:
     strips = exchange.from_csv(csv_of(TREES["one missing"]), gap_m=0.05)
     assert [(strip.pixels, len(strip.line)) for strip in strips.values()] == [(17, 2), (22, 2)]
 
@@ -196,7 +196,7 @@ def test_pixels_at_one_place_are_refused_with_the_remedy() -> None:
         exchange.from_csv("x,y,z\n1,2,3\n1,2,3\n")
 
 
-def test_a_pixel_alone_in_its_strip_is_a_strip_of_one() -> None:
+def test_single_pixel_is_a_strip_of_one() -> None:
     strips = exchange.from_csv("x,y,z,strip\n0,0,0,a\n0.1,0,0,a\n0,1,0,b\n")
     assert {name: strip.pixels for name, strip in strips.items()} == {"a": 2, "b": 1}
     np.testing.assert_allclose(exchange.positions(strips["b"]), [[0, 1, 0]], atol=1e-6)
@@ -309,7 +309,7 @@ def test_segments_that_cannot_be_understood_are_named(data: Any, message: str) -
         exchange.from_segments(json.dumps(data))
 
 
-def test_a_map_with_skipped_numbers_ends_with_the_segments_of_its_output() -> None:
+def test_map_with_skipped_numbers_states_the_segments_of_its_output() -> None:
     strips = exchange.from_ledmap(ledmap(["5 6 7 . . 12 11 10"]), 0.1)
     text = exchange.strips_text(strips)
     assert parse_map_file(text.encode(), Path("x.yaml")).strips == strips
@@ -387,7 +387,7 @@ COORDINATES = st.integers(0, 3).map(lambda n: n * 0.004)
 
 
 @given(st.lists(st.tuples(COORDINATES, COORDINATES, COORDINATES), min_size=2, max_size=12))
-def test_lamps_at_one_place_are_those_of_a_comparison_of_all_pairs(places: list[Vec3]) -> None:
+def test_lamps_at_one_place_match_a_comparison_of_all_pairs(places: list[Vec3]) -> None:
     lamps = {str(n): LampEntry(position=place) for n, place in enumerate(places)}
     found = [each for each in check_lamps(lamps, (5.0, 5.0)) if "is where" in each.text]
     away_m = np.linalg.norm(np.array(places)[:, None] - np.array(places)[None], axis=2)

@@ -235,7 +235,7 @@ def test_just_this_is_found(tmp_path: Path, case: str) -> None:
 
 
 @pytest.mark.parametrize(("person", "told"), [((0.0, 0.0), 1), ((0.0, 3.0), 0), (None, 0)])
-def test_whether_lamps_are_at_one_bearing_depends_on_where_one_stands(
+def test_lamps_at_one_bearing_depend_on_the_standpoint(
     tmp_path: Path, person: tuple[float, float] | None, told: int
 ) -> None:
     text = "lamps: {a: {position: [-2, -0.05, 1]}, b: {position: [-4, 0.05, 2]}}"
@@ -277,7 +277,7 @@ def test_proposed_links_complete_the_conveyor_of_the_toolkit(name: str, tmp_path
     assert [(each.severity, each.where) for each in check_map(read_map_file(completed), {})] == ODD_STRIPS
 
 
-def test_belts_that_are_far_apart_are_not_measured_against_each_other(
+def test_belts_far_apart_are_not_measured_against_each_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     measured: list[int] = []

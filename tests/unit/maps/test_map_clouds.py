@@ -191,7 +191,7 @@ def test_a_cloud_is_turned_upright_about_its_origin(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("up", UP_AXES)
-def test_the_axis_that_is_declared_points_up_and_no_cloud_is_mirrored(up: str) -> None:
+def test_declared_axis_points_up_without_mirroring(up: str) -> None:
     sign = -1.0 if up.startswith("-") else 1.0
     x, y, z = (sign * (axis == up[-1]) for axis in "xyz")
     assert rotate(UP_AXES[up], (x, y, z)) == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
@@ -219,7 +219,7 @@ def test_implausible_cloud_is_refused_with_the_parameter_to_set(tmp_path: Path, 
         assert load_map_and_clouds(str(path), 0)[1]["scan"].shape == (2, 3)
 
 
-def test_a_missing_cloud_is_said_with_the_map_and_the_key(tmp_path: Path) -> None:
+def test_missing_cloud_is_reported_with_the_map_and_key(tmp_path: Path) -> None:
     path = tmp_path / "site.yaml"
     path.write_text("clouds: {shelf: {file: shelf.ply}}")
     with pytest.raises(ConfigError, match=r"site\.yaml: clouds\.shelf\.file: .*shelf\.ply: cannot be read"):
@@ -314,7 +314,7 @@ def test_columns_that_are_not_used_are_reported() -> None:
     assert notes == ["columns Universe, Channel are not used"]
 
 
-def test_numbers_of_pixels_that_a_camera_lost_are_those_of_strips() -> None:
+def test_skipped_pixel_numbers_continue_across_strips() -> None:
     strips = exchange.from_csv(table({"a": [0, 2, 3, 4], "b": [1, 2, 4]}))
     assert sorted(lights(strips)) == [0, 2, 3, 4, 6, 7, 9]
 
@@ -345,7 +345,7 @@ def test_names_that_no_map_can_have_are_replaced_and_reported() -> None:
         ('"x","y","z"\n"1",0.1,2,3\n', "line 2: has 4 cells .*, and there are 3 columns; correct it, or set"),
     ],
 )
-def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str, message: str) -> None:
+def test_unintelligible_table_is_refused_with_the_remedy(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         exchange.from_csv(text)
 

@@ -119,7 +119,7 @@ def test_only_the_lines_of_what_is_edited_change(one: dict[str, Any], lines: lis
         assert result.count("\n") == result.count(newline)
 
 
-def test_two_entries_swap_their_names_and_what_refers_to_them_follows() -> None:
+def test_swapped_entries_are_followed_by_references_to_them() -> None:
     swapped = edit(
         ROOM,
         {"op": "rename", "section": "strips", "name": "shelf", "to": "top"},
@@ -160,7 +160,7 @@ def test_edits_are_of_sections_with_names() -> None:
 
 
 @pytest.mark.parametrize("name", shipped_maps())
-def test_moved_strips_and_lamps_of_shipped_maps_load_where_they_were_moved(name: str) -> None:
+def test_strips_and_lamps_moved_in_shipped_maps_load_there(name: str) -> None:
     room = load_map(name, 0)
     with map_path(name) as file:
         text = file.read_text(encoding="utf-8")
@@ -299,7 +299,7 @@ def test_an_existing_file_stays_and_a_new_one_is_readable(
 
 
 @pytest.mark.parametrize("step", ["open", "hardlink_to", "unlink"])
-def test_process_that_is_killed_while_it_writes_hinders_no_later_one(
+def test_process_killed_while_writing_hinders_no_later_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     """In a container, the next process has the same number."""

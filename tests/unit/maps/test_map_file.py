@@ -85,7 +85,7 @@ def loaded(path: Path, stamp_ns: int) -> Environment:
     return load_map(str(path), stamp_ns)
 
 
-def test_a_strip_without_a_direction_begins_at_its_lines_first_point(tmp_path: Path) -> None:
+def test_strip_without_a_direction_begins_at_its_first_point(tmp_path: Path) -> None:
     path = write(tmp_path, "strips: {s: {line: [[0, 0, 0], [1, 0, 0]], pixels: 9}}")
     assert loaded(path, 0).strips[0].direction == 1
 
@@ -116,7 +116,7 @@ def test_things_are_where_they_or_their_lights_are(tmp_path: Path) -> None:
     assert (radio.mode, radio.press, radio.dwell_s) == ("switch", True, None)
 
 
-def test_part_of_a_belt_is_a_box_lit_by_the_strip_beside(tmp_path: Path) -> None:
+def test_belt_part_is_a_box_lit_by_its_strip(tmp_path: Path) -> None:
     read = loaded(write(tmp_path, AT), 0)
     exit_, corner, cart = read.things
     assert exit_.center_m == pytest.approx((1.2, 3.5, 1.0))
@@ -378,7 +378,7 @@ frames:
 """
 
 
-def test_objects_of_a_frame_are_turned_and_moved_into_the_room(tmp_path: Path) -> None:
+def test_objects_of_a_frame_are_transformed_into_the_room(tmp_path: Path) -> None:
     frame = frame_of(loaded(write(tmp_path, FRAMES), 1), "optitrack")
     cup = TrackedObject(
         id="cup",

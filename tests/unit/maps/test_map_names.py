@@ -98,7 +98,7 @@ def test_numbers_are_those_of_yaml_1_2(word: str, pixels: int) -> None:
         *(("Büro links", "Buro_links"), ("a/b", "a_b")),
     ],
 )
-def test_name_that_no_key_can_have_is_refused_with_a_remedy(name: str, valid: str) -> None:
+def test_invalid_key_name_is_refused_with_a_valid_one(name: str, valid: str) -> None:
     for section, entry, more in (
         ("lamps", "{position: [0, 0, 1]}", ""),
         ("things", "{center: [0, 0, 1], size: [1, 1, 1]}", f", and give it the label {name!r}"),

@@ -24,7 +24,7 @@ things:
 """
 
 
-def test_things_are_told_apart_from_near_and_from_the_right_side() -> None:
+def test_things_are_told_apart_from_near_and_the_right_side() -> None:
     share = separability(things_of(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml"))))
     apart_m = 0.6 - 0.2
     assert share(3.0 - apart_m / math.tan(math.radians(7.0)) + 0.1, 0.0) == 1.0
@@ -52,7 +52,7 @@ def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("action", [["check", "--pose=0,0"], ["plot", "-o", "tracked.svg"]])
-def test_a_map_of_nothing_but_a_tracked_object_is_checked_and_drawn(
+def test_map_with_only_a_tracked_object_is_checked_and_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, action: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -61,7 +61,7 @@ def test_a_map_of_nothing_but_a_tracked_object_is_checked_and_drawn(
     assert (done.exit_code, "1 thing" in done.output) == (0, True), done.output
 
 
-def test_a_map_without_things_that_have_a_place_is_one_sentence() -> None:
+def test_map_without_placed_things_is_refused_in_one_sentence() -> None:
     with pytest.raises(ConfigError, match="add a section `things`"):
         separability(())
 

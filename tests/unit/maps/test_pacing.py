@@ -39,12 +39,12 @@ def test_check_names_the_places_and_how_far_the_map_reaches() -> None:
     assert "up to 0.8 m around" in summary
 
 
-def test_check_names_the_things_that_are_not_known_from_where_somebody_stands() -> None:
+def test_check_names_things_unknown_from_the_standpoint() -> None:
     assert "directions to desk, hall are not known from 2.5,1" in sentences(THINGS + PLACES, (2.5, 1.0))[-1]
     assert len(sentences(THINGS + PLACES, (0.1, 1.0))) == 0
 
 
-def test_directions_are_as_exact_as_a_press_from_the_places_and_between() -> None:
+def test_directions_have_press_accuracy_at_and_between_the_places() -> None:
     places_m = [(0.0, 0.0), (0.2, 2.1)]
     for eyes_m in (*places_m, (0.1, 1.05)):
         assert direction_sigma_deg(places_m, (3.0, 0.5, 1.0), eyes_m) == pytest.approx(2.5, abs=0.01)
@@ -59,7 +59,7 @@ def test_one_place_covers_less_of_the_floor_than_two() -> None:
     )
 
 
-def test_told_apart_leaves_out_what_a_paced_map_does_not_know() -> None:
+def test_told_apart_excludes_what_a_paced_map_does_not_know() -> None:
     file = parse_map_file((THINGS + PLACES).encode(), PATH)
     squares = floor(to_message(PATH, file, {}, 1))
 

@@ -203,7 +203,7 @@ def test_a_server_that_is_silent_is_connected_to_anew() -> None:
 
 
 @pytest.mark.parametrize("rate", [-40e-6, 0.0, 40e-6])
-def test_clock_is_accurate_to_half_a_millisecond_with_drift_and_delays(
+def test_clock_is_accurate_to_0_5_ms_despite_drift_and_delays(
     rate: float,
 ) -> None:
     dice = random.Random(3)
@@ -313,7 +313,7 @@ def test_a_body_without_a_position_or_orientation_is_not_tracked(number: float) 
         assert not read_frame(bytes(changed), (3, 1)).bodies[0].is_tracked
 
 
-def test_names_may_be_empty_repeated_or_in_a_windows_code_page() -> None:
+def test_names_may_be_empty_repeated_or_in_windows_code_pages() -> None:
     payload = split_packet(PACKETS["models 3.1"])[1]
     body = struct.pack("<i", 1)  # the kind of a model, before its name
     changed = payload.replace(body + b"cup\0", body + b"\0").replace(body + b"ghost\0", body + b"cup\0")

@@ -36,7 +36,7 @@ def direction(ray: ArmRay, azimuth_rad: float, elevation_rad: float, roll_rad: f
     return found[1]
 
 
-def test_a_level_arm_points_down_from_the_eyes_over_the_finger() -> None:
+def test_level_arm_points_down_from_the_eyes_over_the_finger() -> None:
     ray = ArmRay()
     assert rayed(ray, 0.0, 0.0)[0] == (0.0, 0.0, 1.43 + 0.21)
     # the finger is 0.73 m ahead and 0.21 m below the eyes
@@ -90,7 +90,7 @@ def test_arm_rays_go_along_the_arm(azimuth_rad: float, elevation_rad: float, mod
     assert vector.angle_between(direction(ray, azimuth_rad, elevation_rad), along) < 1e-7
 
 
-def test_the_forearm_starts_at_the_elbow_of_a_hanging_upper_arm() -> None:
+def test_forearm_starts_at_the_elbow_of_a_hanging_upper_arm() -> None:
     ray = ArmRay(BodyMeasures(neck_to_shoulder_m=0.2), model="forearm")
     assert rayed(ray, 0.0, 0.0)[0] == pytest.approx((0.0, -0.2, 1.43 - 0.56 * 0.55))
 

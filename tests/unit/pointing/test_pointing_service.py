@@ -226,7 +226,7 @@ async def test_the_service_uses_the_profile_and_keeps_the_stamp() -> None:
         assert math.isclose(here.rays[0].origin_m[2], 1.81)
 
 
-async def test_no_ray_is_of_common_measures_while_the_profile_may_still_come(
+async def test_ray_is_withheld_while_the_profile_may_still_come(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(service, "PROFILE_WAIT_S", 60.0)
@@ -251,7 +251,7 @@ async def test_pointing_uses_common_measures_and_warns_until_a_profile_comes(
         await until(lambda: not here.health[-1].warnings, what="the warning to go")
 
 
-async def test_the_offset_comes_with_the_profile_and_bends_with_the_pose() -> None:
+async def test_offset_comes_with_the_profile_and_depends_on_the_pose() -> None:
     offset = PointingOffset(
         rung="polynomial",
         elevation=(math.radians(2.0), 0.0, 0.0, 0.0, 0.0, 0.0),

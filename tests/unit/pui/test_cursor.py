@@ -48,7 +48,7 @@ def on_strip(number: int, position_m: float) -> Vec3:
     stand=st.tuples(st.floats(-2, 4), st.floats(-3, 3), st.floats(-0.2, 0.5)),
     yaw_rad=st.floats(-math.pi, math.pi),
 )
-def test_pointing_at_a_place_on_a_strip_puts_the_cursor_there(
+def test_pointing_at_a_strip_puts_the_cursor_there(
     number: int, position_m: float, stand: Vec3, yaw_rad: float
 ) -> None:
     pose = pose_at(stand, yaw_rad)
@@ -64,7 +64,7 @@ def test_pointing_at_a_place_on_a_strip_puts_the_cursor_there(
         assert cursor.position_m == pytest.approx(position_m, abs=1e-4)
 
 
-def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:
+def test_ending_clears_one_cursor_once_and_never_with_older_stamps() -> None:
     person = PersonCursor(Surfaces(LAB))
     assert person.set_interaction(Interaction(stamp_ns=0, state="pointing")) is None
     person.set_pose(pose_at())
@@ -77,9 +77,7 @@ def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:
 
 
 @given(st.integers(0, 1), st.floats(0.05, 4.95), st.floats(math.radians(-15), math.radians(15)))
-def test_at_the_estimated_pose_the_rays_hit_what_is_pointed_at(
-    number: int, position_m: float, bias_rad: float
-) -> None:
+def test_rays_at_the_estimated_pose_hit_their_target(number: int, position_m: float, bias_rad: float) -> None:
     target = on_strip(number, position_m)
     person = PersonCursor(Surfaces(LAB, ["strip"]))
     person.set_pose(pose_at(bias_rad=bias_rad))
@@ -107,7 +105,7 @@ def test_no_bias_turns_a_ray_over(bias_rad: float, elevation_rad: float) -> None
     assert moved <= math.radians(45.0) + 1e-9
 
 
-def test_of_two_who_tell_the_pose_the_newer_counts_while_both_do() -> None:
+def test_newer_of_two_pose_sources_counts_while_both_report() -> None:
     surfaces = Surfaces(LAB)
     person = PersonCursor(surfaces)
 
@@ -197,7 +195,7 @@ def test_text_says_where_after_a_while(azimuth_deg: float, elevation_deg: float,
     assert texts[-1][1] == text
 
 
-def test_a_cue_comes_after_a_while_and_not_again_for_longer() -> None:
+def test_cue_comes_after_a_while_and_then_pauses_longer() -> None:
     someone = person()
     cued_ns: list[int] = []
     for stamp_ns in range(0, 16 * NS_PER_S, STEP_NS):

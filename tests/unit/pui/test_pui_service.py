@@ -81,7 +81,7 @@ async def test_things_are_listed_again_as_long_as_the_service_runs(tmp_path: Pat
 
 
 @pytest.mark.parametrize(("center", "met"), [("[2, 0, 1]", "pot"), ("[2, 0.1, 0.5]", "")])
-async def test_boxes_of_things_are_met_but_on_belts_and_of_tracked_objects(
+async def test_things_are_hit_except_on_belts_and_at_tracked_objects(
     tmp_path: Path, center: str, met: str
 ) -> None:
     path = tmp_path / "things.yaml"
@@ -95,7 +95,7 @@ async def test_boxes_of_things_are_met_but_on_belts_and_of_tracked_objects(
         assert (await here.point_at((0.05, 0.0, 0.0))).surface_id == ""
 
 
-async def test_without_a_pose_there_is_no_cursor_and_health_says_why() -> None:
+async def test_missing_pose_gives_no_cursor_and_a_reason_in_health() -> None:
     async with room() as here:
         await here.aim(PLACE)
         assert here.cursors == []
@@ -137,7 +137,7 @@ async def test_a_cursor_only_while_pointing() -> None:
         assert (seen, here.of["anna"][-1].stamp_ns) == ([("strip", 1), ("none", 2)], shown_ns + 10_000_000)
 
 
-async def test_somebody_who_localizes_is_not_told_that_a_pose_is_missing() -> None:
+async def test_localizing_person_is_not_warned_of_a_missing_pose() -> None:
     async with room() as here:
         await here.aim(PLACE)  # before the supervisor said anything: warned
         await here.interact("localizing")
@@ -145,7 +145,7 @@ async def test_somebody_who_localizes_is_not_told_that_a_pose_is_missing() -> No
         await here.until_health(lambda warnings: warnings == ())
 
 
-async def test_the_cursor_goes_with_the_person_and_comes_back_with_them() -> None:
+async def test_cursor_leaves_with_the_person_and_returns_with_them() -> None:
     async with room() as here:
         present = here.bench.bus.announce(USER_ALIVE, "anna")
         await here.pose()
@@ -264,7 +264,7 @@ STRIP = "strips: {{s: {{line: [[2, -1, {z}], [2, 1, {z}]], pixels: 60}}}}"
 THING = "things: {{pot: {{center: [{x}, 2, 1], size: [0.2, 0.2, 0.2]}}}}"
 
 
-async def test_a_changed_map_is_used_at_once_and_keeps_the_tolerance(tmp_path: Path) -> None:
+async def test_changed_map_is_used_at_once_and_keeps_the_tolerance(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(STRIP.format(z=1))
     async with room(map=str(path)) as here:

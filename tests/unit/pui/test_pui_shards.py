@@ -84,7 +84,7 @@ async def test_a_shard_waits_for_the_map_and_follows_it() -> None:
 
 
 @in_virtual_time
-async def test_a_map_that_no_message_carries_leaves_people_to_the_default() -> None:
+async def test_map_with_point_clouds_leaves_people_to_the_site() -> None:
     cloud = Cloud(id="shelf", points=3, low_m=(0.0, 0.0, 0.0), high_m=(1.0, 1.0, 1.0))
     async with sharing() as room:
         bench = room.bench

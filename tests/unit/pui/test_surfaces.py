@@ -164,7 +164,7 @@ def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
     assert met(surfaces("lamp", room=room), HIDDEN_M) == ("lamp", "front")
 
 
-def test_a_strip_behind_a_crate_gives_way_to_its_part_in_front() -> None:
+def test_strip_partly_behind_a_crate_is_hit_in_front() -> None:
     line = ((1.5, 0.3, 0.9), (4.5, 0.0, 0.3))
     room = Environment(stamp_ns=0, name="r", strips=(Strip(id="s", line_m=line, pixels=9),), boxes=ROOM.boxes)
     found = there(surfaces("strip", room=room).hit_test(EYES, towards((4.5, 0.0, 0.3))))
@@ -252,7 +252,7 @@ def test_a_cursor_says_where_on_an_area(
 
 
 @pytest.mark.parametrize(("target", "name"), [((3.0, 0.5, 0.8), "strip"), ((0.0, 3.0, 9.0), "")])
-def test_every_cursor_carries_its_ray_and_stamp_also_where_it_meets_nothing(target: Vec3, name: str) -> None:
+def test_every_cursor_has_its_ray_and_stamp_even_without_hits(target: Vec3, name: str) -> None:
     cursor = cursor_at(target, surfaces("strip", tolerance_rad=0.1))
     assert (cursor.stamp_ns, cursor.surface, cursor.surface_id) == (7, name or "none", name)
     assert (cursor.point_m is None) == (not name)
@@ -260,7 +260,7 @@ def test_every_cursor_carries_its_ray_and_stamp_also_where_it_meets_nothing(targ
     assert (cursor.solid, cursor.uv_m) == ("", None)
 
 
-def test_lamps_near_the_ray_are_told_with_their_angles_the_nearest_first() -> None:
+def test_lamps_near_the_ray_have_angles_and_come_nearest_first() -> None:
     fan = NearbyLamps(ROOM.lamps, math.radians(90))
     cursor = cursor_at((5.0, 1.0, 1.0), surfaces("strip"), lamps=fan)
     (lamp,) = cursor.lamps
@@ -272,7 +272,7 @@ def test_lamps_near_the_ray_are_told_with_their_angles_the_nearest_first() -> No
 
 
 @pytest.mark.parametrize("x_m", [1e6, -1e6])
-def test_a_pose_at_the_end_of_the_world_makes_no_impossible_cursor(x_m: float) -> None:
+def test_extremely_distant_pose_gives_no_impossible_cursor(x_m: float) -> None:
     person = PersonCursor(surfaces("plane"))
     person.set_pose(UserPose(stamp_ns=0, position_m=(x_m, 0.0, 1e5), yaw_rad=0.0))
     for azimuth in (0.0, math.pi):

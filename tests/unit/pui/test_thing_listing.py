@@ -17,7 +17,7 @@ def listed(**fields: object) -> TrackedObject:
     return tracked
 
 
-def test_a_thing_without_light_is_a_box_that_is_not_lit() -> None:
+def test_thing_without_light_is_listed_as_an_unlit_box() -> None:
     tracked = listed()
     assert (tracked.id, tracked.kind, tracked.surface, tracked.lit) == ("nuts", "nuts", "none", False)
     assert (tracked.position_m, tracked.size_m) == ((2.6, 0.0, 1.4), (0.4, 0.3, 0.2))
@@ -45,7 +45,7 @@ def test_a_lamp_lights_it_where_it_is() -> None:
     [((0.8, 1.2), 1.0, 0.4), ((1.5, 9.0), 1.75, 0.5), ((-1.0, 1.0), 0.5, 1.0)],
     ids=["within", "beyond its end", "before its start"],
 )
-def test_a_part_of_a_strip_is_an_object_on_the_strip(
+def test_part_of_a_strip_is_an_object_on_it(
     part_m: tuple[float, float], middle_m: float, length_m: float
 ) -> None:
     tracked = listed(strip="shelf", part_m=part_m)

@@ -36,7 +36,7 @@ class Room:
         return self.finder.duplicates
 
 
-def test_one_id_in_two_trackers_is_told_at_once_wherever_it_is() -> None:
+def test_same_id_in_two_trackers_is_reported_at_any_distance() -> None:
     (twin,) = Room().report((thing("cup", 0.0), thing("box", 1.0)), (thing("cup", 5.0),), 0.4)
     assert twin == DuplicateObject("camera", "cup", "robot", "cup")
     assert twin.sentence.startswith("the trackers camera and robot both report cup: leave it out of one")

@@ -183,7 +183,7 @@ def test_nothing_jumps_when_a_workspace_is_laid_through_the_pointer(
         before = person.point(direction)
 
 
-def test_the_cursor_says_its_true_ray_and_how_far_it_was_drawn() -> None:
+def test_cursor_states_its_true_ray_and_the_drawn_distance() -> None:
     person = Person()
     strip = LAB.strips[1].line_m[0]
     direction = vector.normalized(
@@ -228,7 +228,7 @@ def test_a_package_is_moved_on_round_the_bend() -> None:
     assert tracked.where("p", 2 * S) == pytest.approx((0.3, 0.1, 1.0))
 
 
-def test_of_two_trackers_the_newer_counts_and_what_left_is_gone() -> None:
+def test_newer_of_two_trackers_counts_and_lost_objects_are_gone() -> None:
     tracked = Tracked(LAB)
     tracked.on_objects("a", robot(3 * S))
     tracked.on_objects("b", robot(2 * S, position_m=(9.0, 9.0, 9.0)))
@@ -269,7 +269,7 @@ def test_impossible_workspace_is_refused_and_changes_nothing() -> None:
         nobody.set_workspace(SetWorkspace(kind="sphere"), Tracked(LAB))
 
 
-def test_a_tracker_whose_clock_is_ahead_is_no_anchor_and_hides_none() -> None:
+def test_tracker_with_clock_ahead_is_no_anchor_and_hides_none() -> None:
     person = Person()
     person.point((0.0, 0.0, 1.0), stamp_ns=10 * S)
     person.tracked.on_objects("ahead", robot(15 * S))
@@ -321,7 +321,7 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
     assert person.point(down).solid == ""  # what was asked for stays
 
 
-def test_a_horizontal_plane_at_eye_height_to_begin_with_is_none() -> None:
+def test_horizontal_plane_at_eye_height_is_not_laid_at_start() -> None:
     start = WorkspaceStart(kind="horizontal", height_m=1.64)
     assert Person(start=start).point(vector.direction(0.0, -0.3)).solid == ""
 

@@ -115,7 +115,7 @@ async def test_failure_is_a_sentence_with_the_exit_code(machine: Machine) -> Non
 
 
 @in_virtual_time
-async def test_long_program_reports_its_start_and_is_ended_after_60_s(
+async def test_long_program_reports_its_start_and_ends_after_60_s(
     machine: Machine,
 ) -> None:
     started: list[bool] = []
@@ -209,7 +209,7 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
     assert not THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": ""}).settings
 
 
-def test_home_assistant_things_without_its_service_are_named_at_the_start(tmp_path: Path) -> None:
+def test_home_assistant_things_without_its_service_are_named_at_start(tmp_path: Path) -> None:
     path = tmp_path / "home.yaml"
     path.write_text("things: {desk: {home_assistant: light.desk, center: [0, 1, 1], size: [1, 1, 1]}}")
     scenario = read_scenario(str(path))

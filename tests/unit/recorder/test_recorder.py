@@ -163,7 +163,7 @@ async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
     assert b"anna" not in b"".join(str(each).encode() for each in site.read())
 
 
-async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: Site) -> None:
+async def test_names_are_nowhere_in_the_file_even_when_learnt_late(site: Site) -> None:
     command = ("pointit", "service", "run", "pointing", "--user", "anna")
     expected = models.ExpectedService(service="pointing", user="anna", command=command)
     web = WebConfig(places={"Chris": Place(position_m=(1.0, 0.0, 0.0))})
@@ -189,7 +189,7 @@ async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: 
     assert place[1] == web.places["Chris"]
 
 
-async def test_names_that_are_numbers_or_words_of_messages_cost_no_message(site: Site) -> None:
+async def test_names_equal_to_numbers_or_message_words_lose_no_message(site: Site) -> None:
     names = ("1", "0", "red", "selected", "true", "stamp_ns")
     feedback = models.Feedback(stamp_ns=1, cue="selected", chime="tick", text="1 has 0.1 m, led_1")
     async with site.recorded(pseudonyms=True):
@@ -314,7 +314,7 @@ async def test_health_has_the_number_and_cause_of_missing_messages(site: Site, m
         await until(lambda: any(sentence in report.warnings for report in site.health))
 
 
-async def test_movements_of_one_person_are_recorded_where_no_others_may_be_read(site: Site) -> None:
+async def test_movements_of_others_are_left_out_of_a_persons_recording(site: Site) -> None:
     async with site.recorded(person="anna"):
         for user in ("anna", "ben"):
             site.bus.publisher(topics.IMU, user).put(sample(1))
@@ -371,7 +371,7 @@ class Encoded:
         return Cursor(stamp_ns=1)
 
 
-async def test_recording_continues_in_a_new_file_when_time_is_set_back(tmp_path: Path, sink: Sink) -> None:
+async def test_recording_continues_in_a_new_file_after_a_clock_step(tmp_path: Path, sink: Sink) -> None:
     profile = UserProfile(stamp_ns=at(5.0), seq=1)
     sink.add(Arrival(at(5.0), PROFILE, "anna", profile))
     sink.add(Arrival(at(5.0), USER_ALIVE, "anna", True))

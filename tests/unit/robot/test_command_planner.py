@@ -113,7 +113,7 @@ def test_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) ->
     assert desk.pilot.user == ("" if change == "release" else user)
 
 
-def test_robot_held_up_on_its_way_is_reported_until_it_continues() -> None:
+def test_blocked_robot_is_reported_until_it_continues() -> None:
     desk = desk_of()
     desk.send("anna", THERE, robot=ROBOT)
     desk.pilot.on_item(OrderStatus(there(desk.step()).order, "active"), desk.now_ns)

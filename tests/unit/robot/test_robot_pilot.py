@@ -73,7 +73,7 @@ def flying_desk() -> Desk:
     return desk
 
 
-def test_robot_gets_a_stop_at_its_first_report_after_each_loss() -> None:
+def test_robot_is_stopped_at_its_first_report_after_each_loss() -> None:
     desk = Desk(kind="ground")
     assert desk.step() is None
     desk.report()
@@ -182,7 +182,7 @@ def test_landing_continues_when_its_user_lowers_the_arm() -> None:
     assert (order.position_m, order.max_speed_mps) == ((0.2, 0.3, 0.0), 1.0), "slow near people"
 
 
-def test_take_off_that_does_not_happen_is_given_up_and_reported() -> None:
+def test_takeoff_that_does_not_happen_is_abandoned_and_reported() -> None:
     desk = ready_desk()
     desk.steer("anna")
     order = desk.step()
@@ -449,7 +449,7 @@ def test_stopped_robot_is_free_though_others_wait_to_be_localized() -> None:
     assert flight.take_problem("anna", 0) == ""
 
 
-def test_figure_is_less_informative_where_people_and_fences_leave_little_room() -> None:
+def test_figure_is_less_informative_when_there_is_little_room() -> None:
     flight = FigureFlight(GROUND, ROBOT)
     flight.on_localization("ben", SAMPLING)
     safety = Permits()
@@ -499,7 +499,7 @@ def test_best_figure_beats_circle_and_line_of_the_same_length(start: Vec3) -> No
 
 @given(st.floats(1.6, 5.0), st.floats(-math.pi, math.pi), st.floats(1.0, 6.0), st.sampled_from([0.0, 1.2]))
 @settings(max_examples=20, deadline=None)
-def test_figures_are_closed_of_the_requested_length_and_clear_of_people(
+def test_figures_are_closed_of_requested_length_and_clear_of_people(
     reach_m: float, way_rad: float, length_m: float, height_m: float
 ) -> None:
     start = (reach_m * math.cos(way_rad), reach_m * math.sin(way_rad), height_m)

@@ -234,7 +234,7 @@ async def test_robot_that_reports_no_velocity_stops_before_a_person(
 
 
 @flown(CONFIG)
-async def test_robot_with_a_fast_clock_is_lost_as_early_as_others(
+async def test_robot_with_a_fast_clock_is_lost_equally_early(
     pilotage: Pilotage, drivers: list[FaultyDriver]
 ) -> None:
     driver = await at_full_speed(pilotage, drivers)

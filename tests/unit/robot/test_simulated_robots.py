@@ -202,7 +202,7 @@ def test_wander_is_the_same_for_the_same_seed_only() -> None:
 
 
 @given(courses)
-def test_limits_of_speed_acceleration_and_turn_rate_hold_at_any_command(
+def test_speed_acceleration_and_turn_rate_are_limited_for_any_command(
     course: list[tuple[Command, int]],
 ) -> None:
     poses = drive(ground_robot(), course)

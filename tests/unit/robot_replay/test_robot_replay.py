@@ -64,7 +64,7 @@ async def test_reports_come_when_due_with_their_own_stamps(tmp_path: Path) -> No
         assert len(reports) == 31
 
 
-async def test_replay_starts_at_once_without_a_start_and_skips_the_past(tmp_path: Path) -> None:
+async def test_replay_without_start_begins_at_once_and_skips_the_past(tmp_path: Path) -> None:
     clock = VirtualClock()
     path = str(write(tmp_path, 31, 0.1))
     async with memory_bench(clock) as bench:

@@ -276,7 +276,7 @@ def test_selected_thing_is_a_detection_of_the_person(
         assert turned(value.bbox.center.orientation) == rotation.from_yaw(1.0)
 
 
-def test_detection_lacks_score_of_a_press_and_box_of_untracked_things(table: Routes) -> None:
+def test_detection_of_pressed_untracked_things_lacks_score_and_box(table: Routes) -> None:
     scene = furnished()
     thing = models.Thing(id="screws", center_m=(1.0, 2.0, 3.0), size_m=(1.0, 1.0, 1.0))
     scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS)

@@ -278,7 +278,7 @@ async def test_ros_user_leaves_when_silent_and_may_return(site: Site) -> None:
     await until(lambda: site.states == ["idle", "idle"])
 
 
-async def test_ros_user_with_a_cursor_stays_while_their_ray_is_published(
+async def test_ros_user_with_a_cursor_stays_while_their_ray_comes(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ros_users, "SILENT_S", 0.02)  # so that it has passed many times below

@@ -95,7 +95,7 @@ async def site() -> AsyncGenerator[Site]:
 
 
 @in_virtual_time
-async def test_carrier_carries_out_its_own_events_and_reports_the_new_state() -> None:
+async def test_carrier_performs_its_own_events_and_reports_the_new_state() -> None:
     async with site() as home:
         lamp = Lamp()
         home.carrier.use({"lamp": [lamp]})
@@ -163,7 +163,7 @@ async def test_the_limit_is_that_of_the_thing() -> None:
 
 
 @in_virtual_time
-async def test_act_beyond_the_limit_is_refused_and_running_acts_go_on() -> None:
+async def test_act_beyond_the_limit_is_refused_and_running_acts_continue() -> None:
     async with site() as home:
         home.carrier.use({"lamp": [Lamp(takes_s=1.0)], "other": [Lamp()]})
         for number in range(MAX_AT_ONCE + 1):
@@ -175,7 +175,7 @@ async def test_act_beyond_the_limit_is_refused_and_running_acts_go_on() -> None:
 
 
 @in_virtual_time
-async def test_newest_act_on_a_switch_cancels_and_awaits_the_earlier_one() -> None:
+async def test_newest_act_on_a_switch_cancels_and_awaits_earlier_ones() -> None:
     async with site() as home:
         lamp = Lamp(takes_s=1.0)
         home.carrier.use({"lamp": [lamp]})

@@ -40,7 +40,7 @@ def test_time_does_not_stand_still_or_run_backwards(speed: float) -> None:
         SimulatedClock(speed)
 
 
-async def test_a_follower_may_wait_for_the_sites_time_before_it_begins() -> None:
+async def test_follower_can_wait_for_the_sites_time() -> None:
     exchange = LocalBroker()
     cli = MemoryBus(exchange)
     service = MemoryBus(exchange)
@@ -198,7 +198,7 @@ steps = st.floats(min_value=-7200.0, max_value=7200.0) | st.floats(min_value=0.0
 
 
 @given(st.lists(steps, max_size=50))
-def test_steady_clock_never_goes_back_nor_runs_faster_than_its_source(moves_s: list[float]) -> None:
+def test_steady_clock_never_goes_back_or_outruns_its_source(moves_s: list[float]) -> None:
     clock = ManualClock()
     steady = SteadyClock(clock)
     time_ns = steady.now_ns()
@@ -226,7 +226,7 @@ def test_a_steady_clock_runs_at_half_speed_until_both_agree() -> None:
 
 
 @pytest.mark.parametrize("back_s", [0.5, MAX_SLEW_S, MAX_SLEW_S + 1.0, 3600.0])
-def test_clock_that_may_step_slews_and_steps_instead_of_a_restart(back_s: float) -> None:
+def test_clock_that_may_step_slews_or_steps_without_a_restart(back_s: float) -> None:
     clock = ManualClock()
     stepping = SteadyClock(clock, may_step=True)
     steady = SteadyClock(clock)
@@ -297,7 +297,7 @@ async def test_tick_of_a_clock_far_behind_is_not_old(wall: Wall, bus: MemoryBus)
     assert follower.now_ns() <= (5 + 10 * 100) * NS_PER_S
 
 
-def test_a_virtual_loop_does_not_wait_for_threads_at_its_end() -> None:
+def test_virtual_loop_does_not_wait_for_threads_at_its_end() -> None:
     busy = threading.Event()
     with ThreadPoolExecutor() as pool:
 

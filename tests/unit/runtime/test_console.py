@@ -50,7 +50,7 @@ def test_control_characters_are_question_marks_wherever_they_are(console: PlainC
     assert text.replace("\n", "").isprintable()
 
 
-def test_plain_text_keeps_spaces_of_any_kind_but_no_line_breaks(console: PlainConsole) -> None:
+def test_plain_text_keeps_all_spaces_but_no_line_breaks(console: PlainConsole) -> None:
     text = "1\u00a0000\u202fm\tfar\u3000off"
     assert plain(text) == "1 000 m far off"
     assert plain("a\u2028b\u200bc\rd") == "a?b?c?d"
@@ -73,7 +73,7 @@ def test_view_shows_names_of_surfaces_as_they_are() -> None:
     assert "strip [/x]?c" in written(console)
 
 
-def test_log_on_a_terminal_is_plain_and_coloured_by_us_alone(console: PlainConsole) -> None:
+def test_terminal_log_is_plain_and_coloured_by_us_alone(console: PlainConsole) -> None:
     setup_logging("warning", console)
     log = logging.getLogger("pointit.test")
     log.warning("%s says %s", "anna", EVIL)
@@ -135,7 +135,7 @@ def test_said_line_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"done Error: {TAME}\n"
 
 
-def test_long_text_is_cut_and_keeps_line_breaks_on_request_only() -> None:
+def test_long_text_is_truncated_and_keeps_line_breaks_if_requested() -> None:
     assert one_line("a\r\n\tb") == "a b"
     assert len(one_line("x" * 10_000)) == 600
     assert plain("a\nb\x07c") == "a\nb?c"

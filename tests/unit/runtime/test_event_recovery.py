@@ -154,7 +154,7 @@ async def test_samples_that_never_come_are_lost(
 
 @pytest.mark.parametrize("heard", [(3, 4), (3, 6)], ids=["no gap since", "and a gap since"])
 @pytest.mark.parametrize("cut", [0, 1])
-async def test_samples_of_a_new_writer_are_queried_from_its_first_on(
+async def test_samples_of_a_new_writer_are_queried_from_its_first(
     reader: Reader, heard: tuple[int, ...], cut: int
 ) -> None:
     reader.writer.kept = range(1, 20)

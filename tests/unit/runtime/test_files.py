@@ -62,7 +62,7 @@ def test_only_what_must_last_waits_for_the_disk(tmp_path: Path, monkeypatch: pyt
     assert waited == ([False] if os.name == "nt" else [False, True])  # the file, then its name
 
 
-def test_replaced_file_keeps_its_mode_or_has_that_of_the_system(tmp_path: Path) -> None:
+def test_replaced_file_keeps_its_mode_or_gets_the_default(tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.touch()
     for mode in (mode_of(other), 0o640):

@@ -297,7 +297,7 @@ async def test_closing_is_in_reverse_and_presence_last(bench: Bench, monkeypatch
     assert len(closed) == 4
 
 
-async def test_a_timer_that_fails_is_counted_and_said_once_a_second(
+async def test_failing_timer_is_counted_and_reported_once_a_second(
     bench: Bench, now_s: list[float], caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail() -> None:
@@ -314,7 +314,7 @@ async def test_a_timer_that_fails_is_counted_and_said_once_a_second(
     assert all(record.exc_info for record in said)
 
 
-async def test_a_timer_ends_with_its_service_or_when_it_is_cancelled(bench: Bench) -> None:
+async def test_timer_ends_with_its_service_or_when_cancelled(bench: Bench) -> None:
     called: list[str] = []
     bench.view.call_later(0, lambda: called.append("first"))
     await until(lambda: called == ["first"])

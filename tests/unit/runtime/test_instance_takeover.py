@@ -71,7 +71,7 @@ class TestClaim:
         async with asyncio.timeout(60.0):
             await claiming
 
-    async def test_a_silent_instance_loses_the_name_and_the_wait_is_logged(
+    async def test_silent_instance_loses_the_name_and_the_wait_is_logged(
         self, bus: MemoryBus, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr(instance_takeover, "SILENT_S", 0.2)

@@ -22,7 +22,7 @@ HOSTS = st.one_of(
 
 
 @given(host=HOSTS, port=st.integers(0, 65535))
-def test_host_and_port_that_are_written_are_those_that_are_read(host: str, port: int) -> None:
+def test_formatted_host_and_port_are_parsed_back(host: str, port: int) -> None:
     assert parse_address(format_address(host, port)) == (host, port)
     assert parse_address(host) == (host, None)
 

@@ -174,7 +174,7 @@ def block(stop):
 
 
 @pytest.mark.wall_time
-async def test_service_of_ours_that_blocks_the_loop_for_longer_is_named(
+async def test_own_service_that_blocks_the_loop_for_longer_is_named(
     sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name in ("STALL_S", "OWN_STALL_S"):
@@ -258,7 +258,7 @@ def test_calls_that_raise_for_each_frame_are_logged_rarely(
     assert len(caplog.records) == 2 + 120
 
 
-def test_plugin_that_cannot_be_made_is_a_mistake_of_the_configuration(guard: PluginGuard) -> None:
+def test_plugin_that_cannot_be_created_is_a_configuration_mistake(guard: PluginGuard) -> None:
     def make(error: Exception) -> None:
         raise error
 
@@ -386,7 +386,7 @@ def test_process_imports_only_plugins_that_its_arguments_name(
     assert len(list(tmp_path.glob("*.imported"))) == others
 
 
-def test_unknown_driver_is_refused_with_the_group_of_its_entry_point() -> None:
+def test_unknown_driver_is_refused_with_its_entry_point_group() -> None:
     sentence = (
         "use one of ros2, sim, vda5050; another one comes from a package with an entry point 'turtle' of "
         "pointit.robots, or is in pyproject.toml: then run scripts/setup"

@@ -211,7 +211,7 @@ def test_a_configuration_error_is_reported_before_connecting(capsys: pytest.Capt
     ("arguments", "patience_s"),
     [((), CLOCK_TIMEOUT_S), (("--clock", "site"), CLOCK_REQUEST_TIMEOUT_S), (("--clock", "wall"), None)],
 )
-def test_the_sites_time_is_followed_unless_wall_time_is_asked_for(
+def test_sites_time_is_followed_unless_wall_time_is_requested(
     arguments: tuple[str, ...], patience_s: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[float | None] = []

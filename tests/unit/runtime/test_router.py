@@ -103,7 +103,7 @@ def test_every_line_is_taken_where_there_are_few() -> None:
     assert read([b"one", b"two \xff", b""]) == [("one", 0), ("two \N{REPLACEMENT CHARACTER}", 0), ("", 0)]
 
 
-def test_equal_lines_beyond_the_limit_are_counted_exactly_and_taken_rarely() -> None:
+def test_repeated_lines_beyond_the_limit_are_counted_but_rarely_passed() -> None:
     count = 20 * LIMIT
     taken = read([line(b"anna" if at % 4 else b"ben", at % 60) for at in range(count)])
     assert number_of("ben", taken) == count / 4

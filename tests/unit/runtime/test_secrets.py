@@ -137,7 +137,7 @@ def test_logs_on_a_terminal_have_no_secret() -> None:
     assert text.count("ValueError: ") == 3
 
 
-def test_logs_of_a_command_that_sets_up_none_have_no_secret(capsys: pytest.CaptureFixture[str]) -> None:
+def test_log_without_setup_contains_no_secret(capsys: pytest.CaptureFixture[str]) -> None:
     logging.getLogger().handlers.clear()
     log_secrets()
     assert "POST http://hub/..." in capsys.readouterr().err

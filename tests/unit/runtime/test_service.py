@@ -314,7 +314,7 @@ async def answered(publisher: Any, reply: Done) -> Done:
     return await served.reporting(topics.SET_BRIGHTNESS, serve)(SetBrightness(brightness=0.5), "")
 
 
-async def test_large_reply_is_given_and_left_out_of_what_is_published(bus: MemoryBus) -> None:
+async def test_large_reply_is_given_but_omitted_from_the_published_request(bus: MemoryBus) -> None:
     told: list[ServedRequest] = []
     bus.subscribe(topics.SERVED, lambda message, _name: told.append(message))
     large = Done(message="x" * ServedRequest.max_bytes)

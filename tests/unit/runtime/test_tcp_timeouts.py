@@ -136,7 +136,7 @@ def test_only_the_peers_connection_is_closed_in_any_notation(family: str, host: 
         assert other.recv(1) == b"x"
 
 
-def test_connection_that_is_held_stays_open_and_nothing_of_it_arrives(listening: socket.socket) -> None:
+def test_held_connection_stays_open_and_nothing_of_it_arrives(listening: socket.socket) -> None:
     with closing(socket.create_connection(listening.getsockname()[:2])) as client:
         accepted, _ = listening.accept()
         with closing(accepted):

@@ -47,7 +47,7 @@ def test_advice_is_the_mirrored_mode_when_only_windows_reaches_linux(machine: Pa
     assert "write `networkingMode=mirrored` below `[wsl2]`" in lan_advice(8443)
 
 
-def test_advice_is_the_mirrored_mode_when_an_old_wsl_states_none(machine: Path) -> None:
+def test_mirrored_mode_is_advised_when_an_old_wsl_states_none(machine: Path) -> None:
     (machine / "version").write_text(WSL)
     assert "networkingMode=mirrored" in lan_advice(8443)
 

@@ -56,7 +56,7 @@ def lamps(text: str) -> Lamps:
 @pytest.mark.parametrize(
     "name", [name for name in NASTY if name and name.isascii() and not set(name) & set(" ?")]
 )
-def test_a_key_is_its_literal_text_in_blocks_and_in_flow(name: str) -> None:
+def test_key_is_its_literal_text_in_blocks_and_flow(name: str) -> None:
     assert parse_yaml(f"{name}:\n  {name}: {{{name}: 1}}\n".encode(), "x") == {name: {name: {name: 1}}}
 
 
@@ -154,9 +154,7 @@ def test_mistake_is_named_beside_a_name_like_a_number() -> None:
         ("path", "010", Path("010")),
     ],
 )
-def test_field_of_another_type_gets_the_value_of_files_and_options(
-    field: str, word: str, value: object
-) -> None:
+def test_non_text_field_has_one_value_in_files_and_options(field: str, word: str, value: object) -> None:
     assert getattr(lamps(f"{field}: {word}"), field) == value
     layers = Layers()
     layers.add_text((field,), word, f"--set x.{field}={word}")

@@ -57,7 +57,7 @@ def press(seq: int) -> ButtonEvent:
 
 
 @pytest.mark.usefixtures("restless")
-async def test_newest_item_of_many_threads_comes_last_without_missed_wake_ups() -> None:
+async def test_newest_item_of_many_threads_comes_last_without_missed_wakeups() -> None:
     newest: dict[str, int] = {}
     handled = 0
 
@@ -156,7 +156,7 @@ async def test_closed_mailbox_handles_nothing_that_threads_still_offer() -> None
     assert len(mailbox._queue) <= EVENT_CAPACITY
 
 
-async def test_an_overflow_is_said_once_however_long_ago_the_last_line(
+async def test_overflow_is_logged_once_for_each_burst(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("pointit.runtime.bus.mailbox.LOG_PERIOD_S", 0.0)
@@ -191,7 +191,7 @@ async def test_one_wake_up_drains_a_chain_and_lets_others_run() -> None:
     assert 1 < other_ran_at < 50, "neither one hop a wake-up, nor all of an endless chain"
 
 
-async def test_a_handler_that_ends_the_world_does_not_silence_the_dispatcher() -> None:
+async def test_cancelled_handler_does_not_silence_the_dispatcher() -> None:
     """Even what is no `Exception` leaves the dispatcher awake for the next."""
     loop = asyncio.get_running_loop()
     raised: list[BaseException] = []

@@ -41,13 +41,13 @@ def survey(places: int, bias: tuple[float, float] = (0.0, 0.0), people: int = 1)
 
 
 @given(st.floats(-0.08, 0.08), st.floats(-0.08, 0.08))
-def test_a_common_bias_of_a_person_is_found_and_taken_out(azimuth: float, elevation: float) -> None:
+def test_persons_common_bias_is_found_and_removed(azimuth: float, elevation: float) -> None:
     found = locate(survey(3, (azimuth, elevation)))
     for name, lamp in LAMPS.items():
         assert math.dist(found[name].position_m, lamp) < max(0.01, 2 * found[name].sigma_m)
 
 
-def test_places_60_degrees_apart_suffice_and_nearer_ones_need_a_third() -> None:
+def test_places_60_degrees_apart_suffice_and_nearer_need_a_third() -> None:
     assert not locate(survey(2))["a"].reason
     near = [
         TargetRay("a", "p", str(x), (x, 0.0, 1.6), pointed(LAMPS["a"], (x, 0.0, 1.6))) for x in (0.0, 0.5)

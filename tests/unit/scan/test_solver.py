@@ -62,7 +62,7 @@ def scan() -> Scan:
     return solve(specs(), LAMPS, photographs(4))
 
 
-def test_a_bent_strip_has_its_corner_and_straight_ones_have_none(scan: Scan) -> None:
+def test_bent_strip_has_its_corner_and_straight_ones_have_none(scan: Scan) -> None:
     assert {name: len(strip.line_m) for name, strip in scan.strips.items()} == {
         "left": 2, "back": 2, "post": 2, "table": 2, "bent": 3,
     }  # fmt: skip
@@ -124,7 +124,7 @@ def test_origin_and_heading_move_the_scan_and_keep_it_level(scan: Scan) -> None:
     assert math.dist(camera.position_m, (0, 0, 0)) == pytest.approx(math.dist(before.position_m, start))
 
 
-def test_the_map_has_the_strips_and_what_is_to_be_known(scan: Scan) -> None:
+def test_scanned_map_has_the_strips_and_their_accuracy(scan: Scan) -> None:
     text = map_text(scan)
     assert list(parse_map_file(text.encode(), Path("room.yaml")).strips) == list(LINES)
     assert "# within" in text
@@ -141,7 +141,7 @@ def test_an_end_that_no_view_shows_is_not_identified() -> None:
     assert "no two views show pixels" in back.reason
 
 
-def test_two_views_that_show_all_ends_ask_for_no_other_count() -> None:
+def test_two_views_of_all_ends_request_no_other_count() -> None:
     rng = np.random.default_rng(1)
     views = [photograph(at, rng, marks=10) for at in PLACES[:2]]
     scan = solve(specs(), LAMPS, views)
@@ -163,7 +163,7 @@ def test_two_views_that_show_all_ends_ask_for_no_other_count() -> None:
         (KnownLength(Mark("back", 0), Mark("back", 9), 100.0), "is 0.15 m by the pitches"),
     ],
 )
-def test_a_known_length_that_cannot_be_is_an_error_that_names_it(known: KnownLength, sentence: str) -> None:
+def test_impossible_known_length_is_an_error_that_names_it(known: KnownLength, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         solve(specs(), LAMPS, photographs(3), known_length=known)
 
@@ -255,7 +255,7 @@ def test_strips_without_any_pitch_are_refused() -> None:
         solve([StripSpec("left", 90)], [], photographs(0) + [CameraView(1280, 720, ())] * 2)
 
 
-def test_a_pixel_beyond_the_strips_count_is_an_error_that_names_it() -> None:
+def test_pixel_beyond_the_strips_count_is_an_error_naming_it() -> None:
     with pytest.raises(ConfigError, match=r"has no pixel .*; its pixels are 0 to "):
         solve([StripSpec(s.name, 20, s.pitch_m) for s in specs()], LAMPS, photographs(2))
 
@@ -265,7 +265,7 @@ def test_a_survey_is_the_same_after_json() -> None:
     assert parse_survey(to_json(survey)) == survey
 
 
-def test_a_survey_that_an_editor_gave_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+def test_survey_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
     survey = Survey(tuple(specs()), tuple(LAMPS), tuple(photographs(2)))
     path = tmp_path / "views.json"
     path.write_bytes(b"\xef\xbb\xbf" + to_json(survey))
@@ -297,7 +297,7 @@ def test_a_wrong_survey_is_an_error_that_names_it(data: str, says: str) -> None:
 
 
 @given(st.binary(max_size=80))
-def test_any_bytes_are_a_survey_or_an_error_of_one_sentence(data: bytes) -> None:
+def test_any_bytes_are_a_survey_or_an_error_sentence(data: bytes) -> None:
     try:
         survey = parse_survey(data)
     except ConfigError as error:
@@ -320,7 +320,7 @@ def views(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) -> None:
+def test_command_writes_a_readable_map_and_never_overwrites_one(views: Path) -> None:
     room = views.with_name("room.yaml")
     arguments = ["--from", str(views), "-o", str(room), "--known", "post:0,post:59,0.98"]
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)

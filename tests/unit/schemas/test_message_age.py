@@ -65,7 +65,7 @@ def test_late_message_does_not_change_a_known_clock_error() -> None:
     assert ages_ns(clock, [(-3598.0, 3.0), (-3596.0, 4.0)]) == [0, 0]
 
 
-def test_messages_of_before_the_end_are_old_until_the_sender_starts() -> None:
+def test_messages_from_before_the_end_are_old_until_a_start() -> None:
     clock = SenderClock(LIMIT_NS)
     clock.end(START_NS)
     assert ages_ns(clock, [(-1.0, 1.0)])[0] > LIMIT_NS

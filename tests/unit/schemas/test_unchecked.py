@@ -71,7 +71,7 @@ def test_tests_find_a_wrong_value_where_it_is_made(direction: Any) -> None:
         unchecked(PointingRay)(stamp_ns=5, origin_m=EYES, direction=direction)
 
 
-def test_tests_find_a_value_of_another_type_that_would_be_converted() -> None:
+def test_unchecked_message_in_tests_refuses_values_that_would_be_converted() -> None:
     with pytest.raises(TypeError, match="converts a value"):
         unchecked(Hover)(stamp_ns=5, progress=1)
 

@@ -135,7 +135,7 @@ def test_act_fails_when_its_carrier_is_late_or_ends(*, is_dead: bool) -> None:
         assert home.selected == [("lamp", True)]
 
 
-def test_unavailable_thing_is_refused_at_once_by_pointing_and_by_programs() -> None:
+def test_unavailable_thing_is_refused_at_once_for_pointing_and_programs() -> None:
     home = Home(ThingState(id="lamp", state="unavailable", reason="no power: switch it on at the wall"))
     assert home.point(0.0, 0.5) == []
     assert home.hover.action == "refuse"
@@ -145,7 +145,7 @@ def test_unavailable_thing_is_refused_at_once_by_pointing_and_by_programs() -> N
     assert (home.acts, home.selected) == ([], [])
 
 
-def test_ended_carrier_blocks_no_thing_of_another_and_reports_no_state() -> None:
+def test_ended_carrier_blocks_no_others_thing_and_reports_no_state() -> None:
     home = Home()
     home.report(LAMP, carrier="other")
     home.take(home.engine.on_carrier("other", True, at(home.time_s)))
@@ -245,7 +245,7 @@ def test_missed_result_is_read_once_with_the_states(result: str) -> None:
     assert home.selected == [("lamp", False)] * (not is_on), "the state counts, the result is from before"
 
 
-def test_late_act_is_done_when_a_restarted_carrier_has_the_wanted_state() -> None:
+def test_late_act_is_done_when_a_restarted_carrier_reports_its_state() -> None:
     home = Home()
     home.set("lamp")
     home.report(LAMP.model_copy(update={"state": "on"}))
@@ -285,7 +285,7 @@ def test_failure_is_reported_once_while_another_carrier_runs() -> None:
     assert [(each.result, each.text) for each in home.outcomes] == [("failed", "no power")]
 
 
-def test_long_act_is_announced_at_its_start_and_when_it_fails() -> None:
+def test_long_act_is_announced_at_its_start_and_failure() -> None:
     home = Home(ThingState(id="screws"), limit_s=60.0)
     home.set("screws")
     home.tell("started")

@@ -277,7 +277,7 @@ def test_steps_stop_at_both_ends_of_the_row() -> None:
     assert "below" not in {name for _, name, _ in room.announced}
 
 
-def test_home_repeats_name_and_place_and_down_leads_to_the_row_below() -> None:
+def test_home_repeats_name_and_place_and_down_changes_the_row() -> None:
     room = Listener()
     room.point(-15.0, 1.0)
     assert room.step(1, "here") == "right"
@@ -338,7 +338,7 @@ def test_steps_are_ignored_when_the_person_does_not_point() -> None:
     assert room.step(1) == ""
 
 
-def test_staying_on_the_focused_thing_selects_it_once_after_2_2_s() -> None:
+def test_stay_on_the_focused_thing_selects_once_after_2_2_s() -> None:
     room = Listener(confirm="dwell")
     room.point(0.0, 1.0)
     room.step(1)
@@ -348,7 +348,7 @@ def test_staying_on_the_focused_thing_selects_it_once_after_2_2_s() -> None:
     assert room.events == [("selected", "right")]
 
 
-def test_names_are_spoken_again_when_the_wrists_clock_was_set_back() -> None:
+def test_names_are_spoken_again_after_a_wrist_clock_set_back() -> None:
     room = Listener()
     room.point(0.0, 1.0)
     room.time_s -= 10.0

@@ -125,7 +125,7 @@ def test_progress_grows_to_the_toggle_and_stays_a_share(method: DwellMethod, nam
 
 
 @pytest.mark.parametrize(("away", "fires"), [(4, False), (5, True)])
-def test_share_of_four_fifths_fires_again_after_half_a_second_away(away: int, *, fires: bool) -> None:
+def test_fraction_method_fires_again_after_half_a_second_away(away: int, *, fires: bool) -> None:
     names = ["a"] * 7 + [None] * (1 + away) + ["a"] * 12
     found = toggles(Dwell("fraction"), [(STEP * index, name) for index, name in enumerate(names)])
     assert len(found) == 1 + fires

@@ -90,7 +90,7 @@ async def test_reading_history_blocks_neither_the_loop_nor_writing(
     journal.close()
 
 
-async def test_history_is_refused_with_a_reason_when_it_cannot_be_read(tmp_path: Path) -> None:
+async def test_unreadable_history_is_refused_with_a_reason(tmp_path: Path) -> None:
     async with served(journal={"enabled": False}) as site:
         with pytest.raises(RefusedError, match="keeps no journal"):
             await asked(site.bench)

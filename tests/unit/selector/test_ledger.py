@@ -111,7 +111,7 @@ def test_take_over_is_one_change_that_switches_nothing() -> None:
     assert selected(kept) == {"a": ("ben", 5)}
 
 
-def test_undo_of_a_take_over_works_when_the_bay_is_decided() -> None:
+def test_takeover_can_be_undone_when_the_bay_is_decided() -> None:
     kept = Ledger(lambda _user, _now_ns: False, lambda _object_id, now_ns: "too late" if now_ns > 5 else "")
     kept.toggle("a", "red", "anna", 1)
     kept.release("a", "ben", 6, take_over=True)

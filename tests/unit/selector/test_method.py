@@ -23,7 +23,7 @@ def switch(room: Room, method: str | None = None, dwell_s: float | None = None) 
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_named_method_has_its_own_dwell_time_or_the_given_one(method: str) -> None:
+def test_named_method_has_its_own_or_the_given_dwell_time(method: str) -> None:
     own = apply_method(CONFIG, CONFIG.model_copy(update={"window_s": 3.0}), method, None)
     assert (own.method, own.dwell_s) == (method, 0.5 if method == "gauge" else 0.8)
     slow = apply_method(CONFIG, CONFIG, method, 2.0)
@@ -197,7 +197,7 @@ def test_method_counts_as_sound_after_working_for_a_while() -> None:
     assert guarded.fault == ""
 
 
-def test_objects_latched_before_the_first_cursor_are_latched_in_the_method() -> None:
+def test_objects_latched_before_the_first_cursor_reach_the_method() -> None:
     method: Any = Method(SelectionProgress("a"))
     latched = method.latched = set[str]()
     method.latch = latched.add

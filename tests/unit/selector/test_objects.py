@@ -141,7 +141,7 @@ def test_snapped_cursor_touches_the_object_within_the_limit(beside_m: float, len
         assert vector.angle_between(cursor.direction or EYES, end) > SNAP - 1e-9
 
 
-def test_snapped_cursor_is_on_a_nearby_object_when_the_ray_misses() -> None:
+def test_snapped_cursor_is_on_a_nearby_object_despite_a_miss() -> None:
     cursor = pointing(0, 5.0, raised_rad=0.02).model_copy(update={"surface": "none", "point_m": None})
     view = look(scene(package("a", 5.0)), cursor)
     snapped = there(view.snapped("a", cursor, SNAP))

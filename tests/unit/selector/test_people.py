@@ -23,7 +23,7 @@ def test_first_person_to_point_steadily_reserves_the_object() -> None:
     assert len(room.events) == 2  # told once
 
 
-def test_empty_hovers_are_sent_at_once_and_then_at_5_hz() -> None:
+def test_empty_hovers_are_sent_at_once_then_at_5_hz() -> None:
     room = Room(package("a", 5.0))
     room.stay(0.3, 50.0, anna=5.0)
     assert len(room.hovers["anna"]) == 15
@@ -117,7 +117,7 @@ def test_tracker_with_a_clock_ahead_ends_no_ownership() -> None:
 
 
 @pytest.mark.parametrize("has_left", [False, True])
-def test_pointing_person_does_not_change_an_object_back_after_an_undo(*, has_left: bool) -> None:
+def test_pointing_person_does_not_reverse_an_undo(*, has_left: bool) -> None:
     room = Room(package("a", 5.0))
     room.stay(1.0, 50.0, anna=5.0)
     if has_left:

@@ -136,7 +136,7 @@ def _told() -> int:
     return next(read_rows(path, "SELECT told FROM life", (), lambda row: int(row[0])))
 
 
-async def test_object_that_left_during_a_restart_is_closed_after_a_while() -> None:
+async def test_object_that_left_during_a_restart_is_closed_later() -> None:
     clock = ManualClock()
     async with served(clock, unseen_after_s=30.0) as site:
         await site.stay("anna", 1.0, "a", "b")

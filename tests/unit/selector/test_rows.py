@@ -46,7 +46,7 @@ rooms = st.lists(
 
 
 @given(rooms)
-def test_each_thing_is_reached_in_at_most_rows_and_columns_steps(
+def test_each_thing_is_reachable_in_rows_plus_columns_steps(
     boxes: list[tuple[float, float, float, float]],
 ) -> None:
     things = things_at(*boxes)
@@ -58,7 +58,7 @@ def test_each_thing_is_reached_in_at_most_rows_and_columns_steps(
         assert max(distances(things, start.id).values()) <= most
 
 
-def test_row_step_leads_above_or_below_and_stops_at_the_end() -> None:
+def test_row_step_leads_up_or_down_and_stops_at_ends() -> None:
     things = things_at(*((2.5, y, z, 0.3) for z in (1.6, 1.0, 0.4) for y in (0.8, 0.0, -0.8)))
     down = Step(stamp_ns=0, by=1, to="row")
     up = Step(stamp_ns=0, by=-1, to="row")
@@ -66,7 +66,7 @@ def test_row_step_leads_above_or_below_and_stops_at_the_end() -> None:
     assert neighbour(things, AHEAD, "t1", up) == "t1"
 
 
-def test_touching_drawers_are_rows_and_a_tall_fridge_is_in_one() -> None:
+def test_touching_drawers_are_rows_and_a_tall_fridge_joins_one() -> None:
     things = things_at((2, 0.4, 1.2, 0.2), (2, 0.4, 1.0, 0.2), (2, 0.4, 0.8, 0.2), (2, -0.5, 0.9, 1.8))
     assert rows_of(things, EYES) == [["t0", "t3"], ["t1"], ["t2"]]
 

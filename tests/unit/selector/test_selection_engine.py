@@ -126,7 +126,7 @@ def test_only_a_press_selects_the_object_hovered_before_with_confirmation(method
     assert room.told[1:] == [("selected", "b", "anna")]
 
 
-def test_press_of_a_slow_device_counts_after_one_of_a_quick_device() -> None:
+def test_slow_devices_press_counts_after_one_of_a_quick_device() -> None:
     room = Room(package("a", 5.0), package("b", 6.0), confirm="press")
     room.stay(1.0, 100.0, anna=5.0)
     slow_s = room.time_s

@@ -67,7 +67,7 @@ async def test_service_uses_the_topics_and_requests_of_its_row() -> None:
         await view.close()
 
 
-async def test_silent_tracker_is_a_warning_and_is_then_forgotten_with_its_objects() -> None:
+async def test_silent_tracker_is_warned_of_then_forgotten_with_its_objects() -> None:
     async with served() as site:
         await site.stay("anna", 1.0, "a")
         assert site.owners == [("a", "anna")]
@@ -166,7 +166,7 @@ async def test_undo_and_release_reply_with_the_change_or_the_reason() -> None:
         assert site.owners == [("a", "anna")]
 
 
-async def test_switching_again_does_not_report_success_while_an_act_is_pending() -> None:
+async def test_switching_again_is_not_reported_as_success_during_an_act() -> None:
     async with served() as site:
         site.bus.announce(topics.CARRIER_ALIVE, "home")
         states = (ThingState(id="a", state="off"),)

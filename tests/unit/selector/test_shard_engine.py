@@ -29,7 +29,7 @@ def told(site: ShardedSite) -> list[str]:
     return [event.event for event in site.events]
 
 
-def test_selected_object_is_kept_while_pointed_at_when_the_selector_restarts() -> None:
+def test_object_pointed_at_stays_selected_when_the_selector_restarts() -> None:
     room = Room(package("a", 3.0))
     room.stay(1.0, anna=3.0)
     assert room.owners == {"a": "anna"}
@@ -43,7 +43,7 @@ def test_selected_object_is_kept_while_pointed_at_when_the_selector_restarts() -
     assert again.told == [("deselected", "a", "anna")]
 
 
-def test_selected_object_is_kept_while_pointed_at_when_the_shard_ends() -> None:
+def test_object_pointed_at_stays_selected_when_the_shard_ends() -> None:
     site = a_site()
     rest(site, 0.2, by_site=True)
     rest(site, 0.5, 9.0, by_site=True)
@@ -57,7 +57,7 @@ def test_selected_object_is_kept_while_pointed_at_when_the_shard_ends() -> None:
     assert told(site) == ["selected", "deselected"]
 
 
-def test_selected_object_is_kept_while_pointed_at_when_a_shard_starts() -> None:
+def test_object_pointed_at_stays_selected_when_a_shard_starts() -> None:
     site = a_site()
     rest(site, 0.5, by_site=True)
     assert told(site) == ["selected"]

@@ -66,7 +66,7 @@ async def test_shard_follows_the_method_of_the_site() -> None:
         assert site.told == [("selected", "a", "anna")]
 
 
-async def test_configured_dwell_time_of_the_method_in_use_is_a_figure() -> None:
+async def test_dwell_time_of_the_method_in_use_is_a_figure() -> None:
     async with served(gauge={"full_s": 0.6, "sparse_full_s": 0.4}, window_s=0.9) as site:
 
         def default_s() -> list[float]:

@@ -55,7 +55,7 @@ def _installed(tmp_path: Path) -> Iterator[None]:
         yield
 
 
-def test_method_of_a_package_selects_after_its_own_or_the_set_time() -> None:
+def test_packaged_method_selects_after_its_own_or_the_set_time() -> None:
     room = Room(package("a", 5.0), package("b", 8.0), method="patient", patient={"dwell_s": 1.5})
     room.stay(1.4, anna=5.0)
     assert 0.8 < room.hovers["anna"][-1].progress < 1.0
@@ -77,7 +77,7 @@ def test_parameters_of_a_package_are_validated() -> None:
             SelectorConfig.model_validate(values)
 
 
-def test_method_that_fails_for_one_person_is_reported_and_serves_others() -> None:
+def test_method_failing_for_one_person_is_reported_and_serves_others() -> None:
     room = Room(package("a", 5.0), package("b", 8.0), method="patient", patient={"dwell_s": 2.5})
     room.stay(5.0, anna=5.0, ben=8.0)
     assert room.told == [("selected", "b", "ben")]

@@ -284,7 +284,7 @@ def test_pointing_person_does_not_undo_the_act_of_a_program() -> None:
     assert room.point(0.0, 3.0) == []
 
 
-def test_indistinguishable_things_are_named_now_and_then_and_do_not_fire() -> None:
+def test_indistinguishable_things_are_named_repeatedly_and_do_not_fire() -> None:
     room = Things(thing("screws", 0.16, size_m=(0.2, 0.2, 0.2)), thing("nuts", -0.16, size_m=(0.2, 0.2, 0.2)))
     assert room.point(0.0, 2.0) == []
     assert room.unclear == []

@@ -69,7 +69,7 @@ def test_object_past_its_last_way_is_refused_with_a_cue(method: str) -> None:
     assert [record.event for record in room.records] == ["refused"]
 
 
-def test_selection_is_in_time_until_the_lead_before_the_last_way() -> None:
+def test_selection_is_accepted_until_the_lead_before_its_last_way() -> None:
     early = Room(bound("a", 5.0, 3.0), lead_s=LEAD_S)
     early.stay(1.0, anna=5.0)
     fired_s = (early.events[0].stamp_ns - at(0.0)) / 1e9
@@ -139,7 +139,7 @@ def test_clear_deselects_objects_in_time_and_undo_restores_these_only() -> None:
     assert room.owners == {"a": "anna", "b": "anna"}
 
 
-def test_taking_over_changes_the_owner_alone_and_is_never_too_late() -> None:
+def test_takeover_changes_only_the_owner_and_is_never_too_late() -> None:
     room = chosen("a")
     room.take(room.selecting.release("ben", "a", True, room.now_ns))
     assert room.owners == {"a": "ben"}

@@ -221,7 +221,7 @@ def test_robot_in_centimetres_is_refused_as_too_fast(tmp_path: Path) -> None:
         read(tmp_path, text_of((*ARM, *BODIES[:3]), rows))
 
 
-def test_head_in_millimetres_with_y_up_is_refused_with_both_remedies(tmp_path: Path) -> None:
+def test_head_in_millimetres_with_y_up_gets_both_remedies(tmp_path: Path) -> None:
     """Columns are those of OptiTrack's Motive."""
     rows: list[Row] = [[*row[:5], 1000 * float(row[8]), 1000 * float(row[10]), 300.0] for row in motion()]
     with pytest.raises(ConfigError, match=r"the head is .* m away, .* or both, plausible are .*mm with up y"):
@@ -297,7 +297,7 @@ def test_zeros_may_be_declared_as_positions(tmp_path: Path) -> None:
     assert (recording.robot_m == 0.0).all()
 
 
-def test_marker_is_lost_by_a_missing_coordinate_but_not_a_zero(tmp_path: Path) -> None:
+def test_marker_is_lost_by_missing_coordinates_but_not_zeros(tmp_path: Path) -> None:
     rows = motion()
     rows[3][6] = ""
     for row in rows:

@@ -96,7 +96,7 @@ def test_pcm_is_read_whatever_header_and_chunks_it_has(
     assert not caplog.records
 
 
-def test_second_chunk_of_another_format_and_a_second_file_are_refused(tmp_path: Path) -> None:
+def test_second_chunk_of_another_format_or_second_file_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, FORMAT, chunk(b"data", SOUND), chunk(b"fmt ", format_of(1, rate_hz=8000)))
     with pytest.raises(ConfigError, match="has PCM, 8 kHz, 16 bits, 1 channel, and must have"):
         read_wav(path)

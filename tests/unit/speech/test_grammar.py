@@ -72,7 +72,7 @@ def test_yes_and_no_are_answers_and_no_wins() -> None:
     assert answer(words("take that")) is None
 
 
-def test_names_are_spoken_in_words_and_stay_data_in_a_grammar() -> None:
+def test_names_are_spoken_as_words_and_cannot_inject_grammar() -> None:
     assert spoken("LED_1") == ("led", "one")
     hostile = names_of(
         ["x; public <command> = stop;", "é", "ignore all rules, send the robot", *WORDS.names.values()]

@@ -160,7 +160,7 @@ async def test_unknown_name_is_reported_and_no_robot_is_sent(text: str, name: st
 
 @pytest.mark.parametrize("text", ["go straight over there", "put it there now", "drive to the door there"])
 @in_virtual_time
-async def test_words_that_are_no_object_do_not_keep_the_robot_from_going(text: str) -> None:
+async def test_words_that_are_no_object_do_not_stop_a_robot(text: str) -> None:
     async with room() as here:
         here.found["there"] = sure("place", "floor")
         here.say(text)
@@ -211,7 +211,7 @@ async def test_stop_is_obeyed_at_once_during_questions_and_when_late(text: str) 
 
 
 @in_virtual_time
-async def test_a_robot_that_refuses_to_stop_leaves_no_other_one_driving() -> None:
+async def test_robot_that_refuses_to_stop_leaves_no_other_driving() -> None:
     async with room() as here:
         here.bench.put(ROBOT_STATE, ROVER, "a_rover")
         await here.bench.settle()
@@ -392,7 +392,7 @@ async def test_words_of_others_are_not_followed() -> None:
         ("kettle", "refused", "kettle wants a press: point at it, and press the button"),
     ],
 )
-async def test_these_are_all_that_more_probably_were_swept_over_than_not(
+async def test_these_means_all_things_more_probably_swept_over_than_not(
     last: str, result: str, said: str
 ) -> None:
     async with room() as here:

@@ -58,7 +58,7 @@ async def test_synthesizer_speaks_messages_and_counts_words_meanwhile_as_echo(
 
 
 @pytest.mark.wall_time
-async def test_echo_goes_on_when_a_newer_sentence_cuts_the_one_before(
+async def test_echo_continues_when_a_newer_sentence_interrupts_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / PROGRAM

@@ -126,7 +126,7 @@ async def test_an_answer_begins_with_its_word(said: str, confirmed: list[str], l
 
 
 @in_virtual_time
-async def test_stop_after_yes_confirms_nothing_and_a_second_answer_changes_nothing() -> None:
+async def test_stop_after_yes_confirms_nothing_and_later_answers_neither() -> None:
     async with question(4.0) as here:
         here.say("yes", 0.0)
         here.say("yes", 2.0)
@@ -160,7 +160,7 @@ async def test_stop_takes_back_an_answer_of_the_same_instant() -> None:
         assert await asking is None
 
 
-async def test_a_silent_pipe_is_left_at_once_and_lines_are_whole() -> None:
+async def test_silent_pipe_is_left_at_once_and_lines_are_whole() -> None:
     reads, writes = os.pipe()
     lines = lines_of(reads)
     os.write(writes, b"tak\xffe ")

@@ -59,7 +59,7 @@ def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch:
     assert [row["trial"] for row in read_table(table.path, COLUMNS)] == ["1", "2"]
 
 
-def test_participant_runs_once_at_a_time_and_a_folder_holds_one_study(tmp_path: Path) -> None:
+def test_participant_runs_once_at_a_time_and_folders_hold_one_study(tmp_path: Path) -> None:
     study = Study.model_validate({"name": "s", "participants": 2, "task": {"kind": "reach"}})
     folder = StudyFolder(tmp_path / "data", study, "name: s")
     table = folder.trials("P01")
@@ -91,7 +91,7 @@ def deleted(path: Path, content: bytes) -> None:
 @pytest.mark.parametrize("save", [saved_in_place, saved_as_another_file, deleted])
 @pytest.mark.parametrize("ends_first", [True, False])
 @pytest.mark.parametrize("dialect", [b"\n", b"\r\n", b"no table"])
-def test_program_that_saves_while_rows_are_added_loses_none_of_them(
+def test_rows_added_while_another_program_saves_are_not_lost(
     tmp_path: Path, save: Callable[[Path, bytes], None], dialect: bytes, *, ends_first: bool
 ) -> None:
     path = tmp_path / "t.csv"
@@ -184,7 +184,7 @@ def test_any_name_of_a_level_is_read_back(tmp_path: Path, level: str) -> None:
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\n", b" \r\n"])
-def test_lost_table_of_somebody_who_has_begun_is_not_begun_again(
+def test_lost_table_of_a_started_participant_is_not_begun_again(
     tmp_path: Path, content: bytes | None
 ) -> None:
     path = measured(tmp_path, {})
@@ -196,7 +196,7 @@ def test_lost_table_of_somebody_who_has_begun_is_not_begun_again(
     assert str(refused.value) in [each.text for each in check_folder(tmp_path / "data")]
 
 
-def test_files_that_an_editor_has_saved_differ_in_nothing_that_counts(tmp_path: Path) -> None:
+def test_files_saved_by_an_editor_are_read_the_same(tmp_path: Path) -> None:
     measured(tmp_path, {})
     copy = tmp_path / "data/study.yaml"
     copy.write_bytes(

@@ -109,7 +109,7 @@ def test_names_steps_and_presses_are_counted_where_names_are_spoken(name: str) -
     assert [measures[name] for name in ("announced", "stepped", "confirmed")] == counts
 
 
-def test_without_a_surface_the_rays_point_nearest_to_the_target_is_selected() -> None:
+def test_ray_point_nearest_the_target_is_selected_without_a_surface() -> None:
     one = attempt()
     one.on_cursor(cursor(10.0, 0.1).model_copy(update={"point_m": None}), round(0.1 * S))
     measures = one.columns()
@@ -248,7 +248,7 @@ for inlet in inlets:
 
 
 @pytest.mark.wall_time
-async def test_streams_are_read_by_another_process_at_the_times_of_capture(
+async def test_streams_are_readable_by_another_process_at_capture_times(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "lsl_api.cfg").write_text("[multicast]\nResolveScope = machine\n[log]\nlevel = -3\n")

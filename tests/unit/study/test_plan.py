@@ -303,7 +303,7 @@ def replace_in(path: Path, before: bytes, after: bytes) -> None:
     path.write_bytes(content.replace(before, after))
 
 
-def test_rows_of_the_plan_are_accepted_by_check_run_and_report(ratios: tuple[Study, StudyFolder]) -> None:
+def test_planned_rows_are_accepted_by_check_run_and_report(ratios: tuple[Study, StudyFolder]) -> None:
     assert verdicts(*ratios) == {"check": "", "run": "", "report": ""}
 
 

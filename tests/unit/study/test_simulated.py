@@ -57,7 +57,7 @@ class _KilledError(BaseException):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [1, 6])
-def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
+def test_study_continues_at_the_trial_after_kill_9(
     step: int, whole: tuple[Study, StudyFolder], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Step 2n ends the process after the row of trial n + 1 is written, 2n + 1 in the middle of the next."""
@@ -157,7 +157,7 @@ def _session(study: Study, folder: StudyFolder, commands: list[tuple[int, str, S
     return Session(study, folder, "P01", _Experimenter(commands), SiteOptions(person=person_of(study, "P01")))
 
 
-def test_participant_who_was_begun_by_a_person_is_not_simulated_on(tmp_path: Path) -> None:
+def test_participant_begun_by_a_person_is_not_continued_by_simulation(tmp_path: Path) -> None:
     study, folder = small(tmp_path)
     folder.put_about("P01", {"pseudonym": "P01", "simulated": False})
     with pytest.raises(ConfigError, match="P01 was begun by a person"):
@@ -325,7 +325,7 @@ def test_task_that_the_room_has_not_is_refused(task: str, sentence: str, tmp_pat
 
 
 @pytest.mark.parametrize("record", [None, "", "pseudonym: P01\n"])
-def test_trials_that_may_be_of_a_person_get_no_simulated_ones(tmp_path: Path, record: str | None) -> None:
+def test_trials_possibly_of_a_person_get_no_simulated_ones(tmp_path: Path, record: str | None) -> None:
     study, folder = small(tmp_path)
     table = folder.trials("P01")
     trial = plan_of(study, "P01").trials[0]
@@ -398,7 +398,7 @@ def test_pictures_are_those_of_all_steps(tmp_path: Path) -> None:
     }
 
 
-def test_simulated_participants_are_done_once_and_take_no_options_of_people(tmp_path: Path) -> None:
+def test_simulated_participants_run_once_and_take_no_options_of_people(tmp_path: Path) -> None:
     small(tmp_path, SMALL.replace("repetitions: 2", "repetitions: 1"))
     arguments = [str(tmp_path / "small.yaml"), "--to", str(tmp_path / "data"), "--simulated", "1"]
     for option in (["--imu", "page"], ["--page"], ["--participant", "P01"], ["--lsl"]):

@@ -25,7 +25,7 @@ GAUGE = {"selector.method": "gauge", "selector.gauge.full_s": 0.8}
         ({"pui.smoothing": 1}, {"pui.smoothing": 2}, False),
     ],
 )
-def test_dwell_time_is_live_for_the_method_that_is_set_only(
+def test_dwell_time_is_live_for_the_set_method_only(
     before: dict[str, Any],
     after: dict[str, Any],
     is_live: bool,
@@ -54,7 +54,7 @@ class SiteWithTrackers:
         return SimpleNamespace(items=items)
 
 
-async def test_a_declared_truth_is_followed_and_its_absence_is_a_problem() -> None:
+async def test_declared_truth_is_followed_and_its_absence_is_a_problem() -> None:
     person = TrackedObject(id="P01", kind="person_frame", position_m=(1.0, 2.0, 1.7), yaw_rad=0.5)
     other = person.model_copy(update={"position_m": (9.0, 9.0, 0.0)})
     messages = {
@@ -81,7 +81,7 @@ async def test_a_declared_truth_is_followed_and_its_absence_is_a_problem() -> No
     assert "true error" not in study_site.quality
 
 
-async def test_names_are_spoken_to_a_participant_whose_first_message_has_no_name() -> None:
+async def test_names_are_spoken_to_participants_whose_first_message_is_nameless() -> None:
     async def messages() -> AsyncIterator[Announced]:
         yield Announced(stamp_ns=1)
 

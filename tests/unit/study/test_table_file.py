@@ -110,9 +110,7 @@ def refused(path: Path) -> str:
 
 
 @pytest.mark.parametrize("program", REWRITTEN)
-def test_table_of_another_program_is_refused_and_a_new_folder_begins_again(
-    tmp_path: Path, program: str
-) -> None:
+def test_foreign_table_is_refused_and_a_new_folder_begins_again(tmp_path: Path, program: str) -> None:
     path = tmp_path / "old" / "trials.csv"
     path.parent.mkdir()
     path.write_bytes(REWRITTEN[program])

@@ -186,7 +186,7 @@ async def test_pictures_of_the_steps_are_served_and_nothing_else(
 
 
 @pytest.mark.wall_time
-async def test_pages_show_the_present_content_whenever_they_join_and_outlive_bad_messages(
+async def test_pages_show_content_to_late_joiners_and_survive_bad_messages(
     links: tuple[PageView, dict[Page, str]],
 ) -> None:
     view, urls = links
@@ -225,7 +225,7 @@ async def typed(view: TerminalView, *lines: str) -> None:
         view.on_bytes(line.encode())
 
 
-async def test_keys_are_commands_and_a_skip_pauses_until_its_reason_is_typed(
+async def test_keys_are_commands_and_skipping_pauses_until_a_typed_reason(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     view = TerminalView()

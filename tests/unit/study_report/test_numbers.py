@@ -78,11 +78,11 @@ def test_throughput_is_that_of_mackenzies_worked_example() -> None:
     assert made.throughput == pytest.approx(8.074805, abs=2e-6)
 
 
-def test_index_of_kopper_is_the_square_and_has_the_width_cubed() -> None:
+def test_kopper_index_is_squared_with_the_width_cubed() -> None:
     assert bits(np.array([30.0]), np.array([2.0]), "kopper")[0] == pytest.approx(np.log2(1 + 30 / 8) ** 2)
 
 
-def test_throughput_of_a_study_is_the_mean_of_means_of_its_sequences(
+def test_throughput_of_a_study_is_the_mean_of_sequence_means(
     folder: Path, study: study_report.Trials
 ) -> None:
     by_person: dict[str, list[float]] = defaultdict(list)
@@ -139,7 +139,7 @@ def test_fitts_regression_is_that_of_the_means_over_participants(
     assert row["slope_low"] < 0.25 < row["slope_high"], "the law that the people were made with"
 
 
-def test_factors_that_set_the_size_are_what_difficulty_is_of_not_conditions(tmp_path: Path) -> None:
+def test_factors_of_size_belong_to_difficulty_and_not_to_conditions(tmp_path: Path) -> None:
     write_study(tmp_path, {"dwell": 1.0, "press": 0.8}, people=4, sized=True)
     study = study_report.trials(tmp_path)
     assert study.factors == ("method", "distance", "width")
@@ -323,7 +323,7 @@ def test_effect_of_ten_percent_is_found_over_20_seeds(tmp_path: Path) -> None:
     assert significant(tmp_path, 0.9) >= 18
 
 
-def test_no_effect_is_found_where_there_is_none_over_20_seeds(tmp_path: Path) -> None:
+def test_no_effect_is_found_over_20_seeds_without_one(tmp_path: Path) -> None:
     assert significant(tmp_path, 1.0) <= 3
 
 

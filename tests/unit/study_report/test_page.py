@@ -101,7 +101,7 @@ def test_notebook_is_valid_and_runs_where_it_stands(
     assert written.count("<h2>") == sum("## " in "".join(cell["source"]) for cell in book["cells"])
 
 
-def test_table_of_all_trials_has_the_rows_of_all_participants_by_trial(folder: Path, written: str) -> None:
+def test_all_trials_table_has_every_participants_rows_in_order(folder: Path, written: str) -> None:
     assert written
     with (folder / "all_trials.csv").open(encoding="utf-8") as file:
         joined = [*csv.DictReader(file)]
@@ -197,7 +197,7 @@ def test_simulated_participants_run_a_study_for_its_power(tmp_path: Path) -> Non
     assert str(done.exception) == "give either the FILE of a study or --pilot FOLDER"
 
 
-def test_names_in_letters_of_any_script_are_drawn_without_a_warning() -> None:
+def test_names_in_any_script_are_drawn_without_a_warning() -> None:
     figure: Any = Figure()
     figure.text(0.1, 0.5, "\U000f0001 \u53a8\u623f")
     assert "\u53a8\u623f" in figures.svg(figure, "names")

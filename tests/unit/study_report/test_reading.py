@@ -81,7 +81,7 @@ def test_damaged_folder_is_one_sentence(
 
 
 @pytest.mark.parametrize("lost", [3, 20, 100])
-def test_last_line_that_is_not_whole_is_left_out_and_noted(folder: Path, lost: int) -> None:
+def test_truncated_last_line_is_left_out_and_noted(folder: Path, lost: int) -> None:
     path = folder / "P02/trials.csv"
     path.write_text(path.read_text(encoding="utf-8")[:-lost], encoding="utf-8")
     study = study_report.trials(folder)
@@ -103,14 +103,14 @@ def test_one_participant_has_medians_but_no_intervals(folder: Path) -> None:
         study_report.mixed_model(study)
 
 
-def test_participant_without_a_level_is_noted_and_left_out_of_its_comparison(folder: Path) -> None:
+def test_participant_without_a_level_is_noted_and_not_compared(folder: Path) -> None:
     edit_trials(folder, "P02", lambda row: row["method"] != "press")
     study = study_report.trials(folder)
     assert study.notes == ("P02 has no trial with method press, and is left out of comparisons with it.",)
     assert study_report.differences(study)[0]["participants"] == 2
 
 
-def test_last_attempt_counts_and_practice_and_attempts_to_be_repeated_do_not(folder: Path) -> None:
+def test_last_attempt_counts_but_practice_and_repeats_do_not(folder: Path) -> None:
     path = folder / "P02/trials.csv"
     header, *lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     again = lines[0].replace("P02,1,1,1,0", "P02,1,1,2,0").replace(",hit,", ",timeout,")

@@ -69,7 +69,7 @@ def test_new_localizer_gets_the_pose_back_once() -> None:
     assert place.due(21 * S) is not None
 
 
-def test_localizer_gets_its_pose_back_when_the_clock_was_set_back() -> None:
+def test_localizer_gets_its_pose_back_after_a_clock_set_back() -> None:
     place = PoseRestorer()
     place.pose(pose(3600))
     place.localization(*idle(10))

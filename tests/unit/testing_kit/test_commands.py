@@ -104,7 +104,7 @@ def test_broken_promise_is_named_with_its_remedy(
     assert said[1] in result.output
 
 
-def test_contract_that_names_no_plugin_is_told_and_hides_no_other(
+def test_contract_naming_no_plugin_is_reported_and_hides_no_other(
     tmp_path: Path, stack: contextlib.ExitStack
 ) -> None:
     package = written("imu-source", "my-nameless-wrist", tmp_path)
@@ -120,9 +120,7 @@ def test_contract_that_names_no_plugin_is_told_and_hides_no_other(
     assert "kept   selection-method my-other-way: selects the object" in result.output
 
 
-def test_plugin_without_a_fake_device_is_told_how_to_get_one(
-    tmp_path: Path, stack: contextlib.ExitStack
-) -> None:
+def test_plugin_without_a_fake_device_is_advised_of_one(tmp_path: Path, stack: contextlib.ExitStack) -> None:
     package = written("imu-source", "my-bare-wrist", tmp_path)
     project = package / "pyproject.toml"
     project.write_text(project.read_text().replace("pointit.fake_devices", "somebody.elses"))
@@ -217,6 +215,6 @@ def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_p
     assert not (tmp_path / "new").exists()
 
 
-def test_fake_device_of_another_plugin_of_that_name_is_not_used() -> None:
+def test_fake_device_of_a_namesake_plugin_is_not_used() -> None:
     serial = GROUPS["imu-source"].get("serial")
     assert check.installed_contract("serial", replace(serial)) is None

@@ -13,7 +13,7 @@ LED_2 = ROOM.lamps[1].position_m
 
 
 @pytest.mark.parametrize("state", ["idle", "localizing", "pointing"])
-def test_arm_points_at_the_lamp_of_an_anchor_in_every_state(state: State) -> None:
+def test_arm_points_at_an_anchors_lamp_in_every_state(state: State) -> None:
     life = living(state, behaviour="strips")
     life.run(1.0)
     life.cue("target", target="led_2")

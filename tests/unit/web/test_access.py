@@ -220,7 +220,7 @@ def test_certificate_is_damaged_when_its_names_cannot_be_read(tmp_path: Path) ->
     assert "damaged" in made(tmp_path).warning
 
 
-def test_key_is_not_used_when_it_is_foreign_or_readable_by_others(tmp_path: Path) -> None:
+def test_foreign_key_or_one_readable_by_others_is_not_used(tmp_path: Path) -> None:
     first = made(tmp_path / "a")
     other = made(tmp_path / "b")
     first.key.write_bytes(other.key.read_bytes())
@@ -233,14 +233,14 @@ def test_key_is_not_used_when_it_is_foreign_or_readable_by_others(tmp_path: Path
     assert third.fingerprint != second.fingerprint
 
 
-def test_certificate_that_cannot_be_stored_is_an_error_in_one_sentence(tmp_path: Path) -> None:
+def test_unstorable_certificate_is_an_error_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match=r"file.*cannot be written"):
         made(tmp_path / "file" / "web")
 
 
 @pytest.mark.parametrize("host", ["", "größe", "x" * 80, "a b"])
-def test_host_is_left_out_of_the_certificate_when_it_is_no_name(tmp_path: Path, host: str) -> None:
+def test_host_that_is_no_name_is_omitted_from_the_certificate(tmp_path: Path, host: str) -> None:
     found = parsed(obtain(tmp_path, [], host, NOW))
     other = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert other.get_values_for_type(x509.DNSName) == ["localhost"]

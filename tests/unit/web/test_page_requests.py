@@ -303,7 +303,7 @@ def recording_in(html: str) -> list[Any]:
     return list(msgpack.Unpacker(io.BytesIO(packed)))
 
 
-def test_frames_of_a_page_file_match_a_server_at_each_time(past: Past) -> None:
+def test_frames_of_a_page_file_match_a_server_throughout(past: Past) -> None:
     held: dict[tuple[str, str], bytes] = {}
     events: list[str] = []
     for number, (at_s, states, happened, status) in enumerate(frames(past)):

@@ -144,7 +144,7 @@ OPERATOR = {"Authorization": "Bearer operator-token"}
 
 
 @pytest.mark.parametrize("end", ["left", "later"])
-async def test_wrist_may_scan_until_the_page_is_left_or_30_minutes(
+async def test_wrist_may_scan_until_the_page_closes_or_30_minutes(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, end: str
 ) -> None:
     door = ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: bench.is_wrist)

@@ -73,7 +73,7 @@ def test_solution_has_every_strip_and_lamp_with_its_uncertainty(solution: Soluti
 
 
 @pytest.mark.parametrize("origin", ["shelf_high", "desk"])
-def test_map_origin_is_below_the_first_light_and_x_along_the_strip(
+def test_map_origin_is_below_the_first_light_along_the_strip(
     solution: Solution, origin: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "room.yaml"

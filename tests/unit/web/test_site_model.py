@@ -129,7 +129,7 @@ def test_new_service_is_not_silent(sight: SiteObservation) -> None:
     assert codes(status) == [("error", "pui")]
 
 
-def test_growing_counter_is_an_error_and_an_old_one_a_note(sight: SiteObservation) -> None:
+def test_growing_counter_is_an_error_and_an_old_one_noted(sight: SiteObservation) -> None:
     sight.set_present("pui", True, 0.0)
 
     def invalid(count: int) -> tuple[KeyHealth, ...]:
@@ -350,7 +350,7 @@ def test_service_is_missing_when_it_never_starts_or_leaves_soon() -> None:
     assert late.run == "runs"
 
 
-def test_run_is_over_when_ended_on_purpose_and_missing_when_it_died() -> None:
+def test_run_is_over_when_ended_and_missing_when_it_died() -> None:
     ended = Restart()
     died = Restart()
     ended.end("run.scenario_4", 10.0)

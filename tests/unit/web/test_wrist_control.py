@@ -228,7 +228,7 @@ def lamps(*positions: tuple[float, float, float]) -> models.Environment:
     )
 
 
-def test_assumed_pose_is_the_newest_then_configured_then_of_the_room() -> None:
+def test_assumed_pose_is_newest_then_configured_then_the_rooms() -> None:
     standing = AssumedPose(Place(position_m=(1.0, 2.0, 0.0), yaw_deg=90.0))
     assert standing.at[0] == (1.0, 2.0, 0.0)
     assert standing.at[1] == pytest.approx(math.pi / 2)
@@ -257,7 +257,7 @@ def test_chosen_place_is_the_middle_of_wide_and_narrow_rooms(reach_m: float) -> 
     assert middle(room) == (0.0, 0.0, 1.5)
 
 
-def test_chosen_place_is_two_metres_from_a_belt_and_faces_it() -> None:
+def test_chosen_place_faces_a_belt_from_two_metres() -> None:
     room = models.Environment(
         stamp_ns=0, name="hall", belts=(models.Belt(id="b", line_m=((-3.0, 0.0, 1.0), (3.0, 0.0, 1.0))),)
     )

@@ -351,7 +351,7 @@ def test_malformed_headset_values_raise_only_refusals(
         return
 
 
-def test_resting_headset_repeats_its_sample_and_a_silent_one_is_released(
+def test_resting_headset_repeats_its_sample_and_silence_releases_it(
     wrists: WristControl,
 ) -> None:
     assert wrists.step(START) == []  # it was taken just now, and has sent nothing yet

@@ -170,7 +170,7 @@ def test_bundles_in_bundles_have_the_time_of_the_sender() -> None:
 
 
 @pytest.mark.parametrize(("tag", "time_ns"), [(1, None), (5 << 32 | 1 << 31, 5_500_000_000)])
-def test_bundle_time_is_none_or_that_of_a_clock_never_set(tag: int, time_ns: int | None) -> None:
+def test_bundle_time_is_none_or_from_a_clock_never_set(tag: int, time_ns: int | None) -> None:
     data = b"#bundle\0" + struct.pack(">Qi", tag, len(OSCILLATOR)) + OSCILLATOR
     assert parse(data) == ([OscMessage("/oscillator/4/frequency", (440.0,), time_ns)], "")
 

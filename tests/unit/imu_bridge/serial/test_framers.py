@@ -239,7 +239,7 @@ def test_radio_that_paused_keeps_the_origin(
     assert connections(line.send(0.0)) == 0  # later, the arm turns there
 
 
-def test_yaw_origin_is_kept_when_the_counter_of_a_bno085_runs_on() -> None:
+def test_yaw_origin_is_kept_when_a_bno085_counter_runs_on() -> None:
     line = Line("bno085")
     line.send(40.0)
     line.pause(3.0)

@@ -336,7 +336,7 @@ def test_released_way_stays_short_and_a_stop_always_stops(chosen: list[tuple[str
 
 
 @pytest.mark.parametrize("connection", ["OFFLINE", "CONNECTIONBROKEN", "ONLINE", ""])
-def test_agv_of_a_retained_state_gets_no_order_before_a_message(connection: str) -> None:
+def test_agv_of_a_retained_state_awaits_a_message_before_orders(connection: str) -> None:
     bench = AgvBench()
     bench.connect()
     old = json.loads(bench.virtual.state()) | {"timestamp": "2023-11-13T10:00:00.00Z"}

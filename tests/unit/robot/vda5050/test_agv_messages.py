@@ -291,7 +291,7 @@ def test_names_of_version_3_are_those_of_version_2(old: dict[str, object], *, is
         ({"nodeStates": [{"nodeId": None, "sequenceId": "x"}]}, True),
     ],
 )
-def test_agv_with_unreadable_nodes_is_idle_only_if_it_reports_standing(
+def test_agv_with_unreadable_nodes_is_idle_only_when_reported_standing(
     change: dict[str, object], expected: object
 ) -> None:
     assert state(**change).is_executing == expected

@@ -59,7 +59,7 @@ def test_order_during_another_masters_fails_and_cancels_nothing(
     assert "cancelOrder" not in str(bench.sent)
 
 
-def test_order_of_another_master_during_a_lost_link_is_not_cancelled() -> None:
+def test_other_masters_order_during_a_lost_link_is_not_cancelled() -> None:
     bench = connected_bench()
     bench.tell(FollowPath, (FAR,))
     bench.run(1.0)

@@ -75,7 +75,7 @@ def heading(bench: Bench, goal: bytes) -> float:
     return vector.azimuth(rotation.rotate((turned.x, turned.y, turned.z, turned.w), (1.0, 0.0, 0.0)))
 
 
-async def test_path_is_a_sequence_of_goals_and_done_at_the_last(bench: Bench) -> None:
+async def test_path_becomes_a_sequence_of_goals_done_at_the_last(bench: Bench) -> None:
     first = await bench.told(plugins.FollowPath(1, ((0.0, 1.0, 0.0), (2.0, 2.0, 0.0)), yaw_rad=0.5), 1)
     pose = bench.nav2.goals[first].pose
     assert (pose.header.frame_id, pose.header.stamp.sec) == ("map", START_NS // plugins.NS_PER_S)

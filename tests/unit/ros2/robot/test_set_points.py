@@ -101,7 +101,7 @@ def test_a_stop_brakes_and_holds() -> None:
     assert far_m(held.position_m, drone.at_m) < 0.01
 
 
-def test_set_point_waits_when_the_drone_is_stuck_or_without_pose() -> None:
+def test_set_point_waits_for_a_stuck_drone_or_missing_pose() -> None:
     drone = Drone().hovering()
     at_m = drone.at_m
     drone.told(Follow(2, (9.0, 0.0, 1.0)))

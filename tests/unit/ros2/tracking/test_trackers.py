@@ -386,7 +386,7 @@ def test_wanted_frames_and_their_parents_are_found_in_bytes() -> None:
 
 
 @given(TURNS)
-def test_yaw_is_that_of_the_x_axis_unless_it_is_upright(
+def test_yaw_is_of_the_x_axis_unless_that_is_upright(
     yaw_rad: float,
 ) -> None:
     turned = rotation.from_yaw(yaw_rad)

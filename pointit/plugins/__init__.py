@@ -49,7 +49,7 @@ a plug-in waits and connects again by itself if its device is gone.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from pointit.geometry import rotation
+from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.address_config import AddressConfig, format_address
 from pointit.runtime.bus.contract import Subscription
@@ -58,6 +58,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.person_messages import PersonMessages
 from pointit.runtime.service.plugin_guard import HealthSink, Surroundings
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
@@ -198,6 +199,7 @@ __all__ = [
     "Output",
     "OutputConfig",
     "PersonGoal",
+    "PersonMessages",
     "PersonMethod",
     "PixelOutput",
     "Plugin",
@@ -260,6 +262,7 @@ __all__ = [
     "sleep",
     "ticks",
     "topics",
+    "vector",
 ]
 GROUPS: dict[str, PluginGroup[Any]] = {
     "imu-source": SOURCES,

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import pointit
+from examples.arm.pointed_arm.messages import ARM_STATE, PUT_BACK, ArmState, PutBack
 from examples.arm.pointed_arm.person import WISH, Wish
-from examples.arm.pointed_arm.service import ARM_STATE, PUT_BACK, Arm, ArmConfig, ArmState, PutBack
+from examples.arm.pointed_arm.service import Arm, ArmConfig
 from examples.arm.pointed_arm.simulated_arm import SimulatedArm, Vec3, joint_angles, link_ends
 from pointit.plugins import Context, Cursor, Speech, TrackedObjects, Word, topics
 from pointit.runtime.virtual_time import VirtualClock

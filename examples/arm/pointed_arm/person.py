@@ -28,6 +28,10 @@ from pointit.plugins import (
 from .simulated_arm import Vec3
 
 HAND = "hand"
+HELD_HIGHER_M = 0.05
+"""Height above the table from which a box is in the air, m."""
+APART_M = 0.15
+"""Distance from other boxes at which a place is free, m."""
 OVER_M = 0.03
 """Distance of the hand from a box, or a place, within which the person is content, m."""
 CONTENT_S = 0.6
@@ -55,9 +59,13 @@ class Wish(Message):
 
 
 WISH = Topic(
-    key="arm-user/{user}/wish", message=Wish, delivery=Delivery.STATE, rate_hz=None, writers=("arm-user",),
+    key="arm-user/{user}/wish",
+    message=Wish,
+    delivery=Delivery.STATE,
+    rate_hz=None,
+    writers=("arm-user",),
     about="what the simulated person means",
-)  # fmt: skip
+)
 
 
 class ArmUser(UserSim):
@@ -87,12 +95,20 @@ class ArmUser(UserSim):
     def _see_hand(self, listed: TrackedObjects, _name: str) -> None:
         """See where the hand is: the place below it is where the system believes that they point."""
         table_m = min((thing.position_m[2] for thing in listed.objects if thing.press), default=0.0)
-        for hand in (thing for thing in listed.objects if thing.id == HAND):
-            x, y, _ = hand.position_m
+        for thing in listed.objects:
+            if thing.id != HAND:
+                continue
+            x, y, _ = thing.position_m
+            # People see robots: the hand is shown to this one as a robot on the table
             state = topics.ROBOT_STATE.message(
-                stamp_ns=listed.stamp_ns, kind="ground", phase="moving", position_m=(x, y, table_m),
-                yaw_rad=0.0, velocity_mps=hand.velocity_mps, radius_m=0.05,
-            )  # fmt: skip
+                stamp_ns=listed.stamp_ns,
+                kind="ground",
+                phase="moving",
+                position_m=(x, y, table_m),
+                yaw_rad=0.0,
+                velocity_mps=thing.velocity_mps,
+                radius_m=0.05,
+            )
             self.see(state, HAND)
 
 
@@ -102,7 +118,10 @@ class Taking:
     def __init__(self, person: ArmUser) -> None:
         self._person = person
         self._rng = person.rng
-        self._now_ns = self._turns = self._presses = 0
+        self._now_ns = 0
+        self._turns = 0
+        """Number of boxes that they have wanted to move."""
+        self._presses = 0
         self._hand_m: Vec3 = (0.0, 0.0, 0.0)
         self._boxes_m: dict[str, Vec3] = {}
         self._table_m = 0.0
@@ -112,7 +131,7 @@ class Taking:
 
     def goal(self, now_ns: int, sight: Any) -> PersonGoal:
         """Return the box or place to point at, with the presses so far. `sight` lists what they see."""
-        seen = {each.thing.id: each.thing for each in sight.objects(now_ns)}
+        seen = {seen_thing.thing.id: seen_thing.thing for seen_thing in sight.objects(now_ns)}
         boxes = {name: thing.position_m for name, thing in seen.items() if thing.press}
         if HAND not in seen or not boxes:
             return PersonGoal("rest", presses=self._presses)
@@ -121,6 +140,8 @@ class Taking:
         self._boxes_m = boxes
         self._table_m = min(z for _, _, z in boxes.values())
         next(self._goals)
+
+        # They look at the table below what they want, which is where the hand will stand
         x, y, _ = self._aim_m()
         key = f"{self._turns} {self._aim}"
         point_m = (x, y, self._table_m)
@@ -129,6 +150,8 @@ class Taking:
     def _take_boxes(self) -> Iterator[None]:
         while True:
             box, place_m = self._choose()
+
+            # Take it. A wrong box is put back by the word "no"
             while self._lifted() != box:
                 self._aim = box
                 yield from self._press_when_above()
@@ -136,6 +159,8 @@ class Taking:
                 if self._lifted() not in ("", box):
                     self._person.say("no", self._now_ns)
                     yield from self._wait(lambda: self._lifted() == "")
+
+            # Put it down
             while self._lifted() == box:
                 self._aim = place_m
                 yield from self._press_when_above()
@@ -143,26 +168,31 @@ class Taking:
 
     def _choose(self) -> tuple[str, Vec3]:
         """Return a box, and a free place for it."""
-        at = self._boxes_m
-        box = sorted(at)[int(self._rng.integers(len(at)))]
-        places = self._person.places_m
-        free = [place for place in places if min(math.dist(place, xy[:2]) for xy in at.values()) > 0.15]
+        names = sorted(self._boxes_m)
+        box = names[int(self._rng.integers(len(names)))]
+        free = [place for place in self._person.places_m if self._is_free(place)]
         x, y = free[int(self._rng.integers(len(free)))]
         self._turns += 1
         wish = Wish(stamp_ns=self._now_ns, seq=self._turns, box=box, place_m=(x, y, self._table_m))
         self._person.wishes.put(wish)
         return box, wish.place_m
 
+    def _is_free(self, place_m: tuple[float, float]) -> bool:
+        distances_m = [math.dist(place_m, position_m[:2]) for position_m in self._boxes_m.values()]
+        return min(distances_m) > APART_M
+
     def _lifted(self) -> str:
         """Return the box that is in the air, or an empty name."""
-        return next((box for box, at_m in self._boxes_m.items() if at_m[2] > self._table_m + 0.05), "")
+        least_m = self._table_m + HELD_HIGHER_M
+        return next((box for box, (_, _, z) in self._boxes_m.items() if z > least_m), "")
 
     def _aim_m(self) -> Vec3:
         return self._boxes_m[self._aim] if isinstance(self._aim, str) else self._aim
 
     def _press_when_above(self) -> Iterator[None]:
         """Press once the hand has stood where they point for a while, or they had enough of correcting."""
-        content_s = 0.0 if self._rng.random() < self._person.config.mind.lapse_share else CONTENT_S
+        is_careless = self._rng.random() < self._person.config.mind.lapse_share
+        content_s = 0.0 if is_careless else CONTENT_S
         start_ns = content_ns = self._now_ns
         while self._now_ns - content_ns <= content_s * NS_PER_S:
             if self._now_ns - start_ns > ENOUGH_S * NS_PER_S:
@@ -185,8 +215,14 @@ ARM_USER = ServicePlugin(
     config=ArmUserConfig,
     make=ArmUser,
     reads=(
-        topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.STRIPS_FRAME, topics.LAMP_COLOR,
-        topics.FEEDBACK, topics.PROFILE, topics.WRIST,
+        topics.MAP,
+        topics.OBJECTS,
+        topics.ROBOT_STATE,
+        topics.STRIPS_FRAME,
+        topics.LAMP_COLOR,
+        topics.FEEDBACK,
+        topics.PROFILE,
+        topics.WRIST,
     ),
     writes=(topics.IMU, topics.BUTTON, topics.SPEECH, WISH),
-)  # fmt: skip
+)

@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-
-from pointit.plugins import NS_PER_S, Clock, rotation
+from pointit.plugins import NS_PER_S, Clock, vector
 
 Vec3 = tuple[float, float, float]
 
@@ -16,7 +14,13 @@ FORE_M = 0.62
 """Length of the forearm, m."""
 HAND_M = 0.14
 """Length of the hand, m."""
+MOST_FOLDED = -0.95
+ALMOST_STRAIGHT = 0.999
+"""Limits of the cosine of the elbow."""
 MAX_SPEED_MPS = 1.2
+LEAST_SPEED_MPS = 0.01
+MAX_PASSED_S = 0.1
+"""Longest time that one step makes up for, s."""
 APPROACH_RATE = 8.0
 """Speed of the tip near its goal, per metre that is left, 1/s."""
 
@@ -27,12 +31,13 @@ def joint_angles(base_m: Vec3, tip_m: Vec3) -> tuple[float, float, float, float,
     The hand points downwards, and the cup keeps its azimuth in {W}. The elbow is up. All are 0 where the arm
     is straight and level along x.
     """
-    x, y, z = (a - b for a, b in zip(tip_m, base_m, strict=True))
-    # of the wrist from the shoulder
+    x, y, z = vector.subtract(tip_m, base_m)
+    # Of the wrist from the shoulder
     across_m = math.hypot(x, y)
     up_m = z + HAND_M - SHOULDER_M
     cosine = (across_m**2 + up_m**2 - UPPER_M**2 - FORE_M**2) / (2.0 * UPPER_M * FORE_M)
-    if not -0.95 <= cosine <= 0.999:  # not folded upon itself, not quite straight
+    is_solvable = MOST_FOLDED <= cosine <= ALMOST_STRAIGHT
+    if not is_solvable:
         return None
     elbow = -math.acos(cosine)
     shoulder = math.atan2(up_m, across_m)
@@ -44,12 +49,12 @@ def joint_angles(base_m: Vec3, tip_m: Vec3) -> tuple[float, float, float, float,
 def link_ends(base_m: Vec3, angles: tuple[float, ...]) -> list[Vec3]:
     """Return the positions of shoulder, elbow, wrist and tip, {W}, m."""
     elevation = 0.0
-    ends = [np.add(base_m, (0.0, 0.0, SHOULDER_M))]
+    ends = [vector.add(base_m, (0.0, 0.0, SHOULDER_M))]
     for angle, length_m in zip(angles[1:4], (UPPER_M, FORE_M, HAND_M), strict=True):
         elevation += angle
-        turn = rotation.from_azimuth_elevation(angles[0], elevation)
-        ends.append(ends[-1] + length_m * np.array(rotation.rotate(turn, (1.0, 0.0, 0.0))))
-    return [(float(x), float(y), float(z)) for x, y, z in ends]
+        direction = vector.direction(angles[0], elevation)
+        ends.append(vector.add(ends[-1], vector.scale(direction, length_m)))
+    return ends
 
 
 class SimulatedArm:
@@ -77,13 +82,17 @@ class SimulatedArm:
     def tip_m(self) -> Vec3:
         """Return the position of the tip now, {W}, m."""
         now_ns = self._clock.now_ns()
-        passed_s = min(max(now_ns - self._at_ns, 0) / NS_PER_S, 0.1)
+        passed_s = min(max(now_ns - self._at_ns, 0) / NS_PER_S, MAX_PASSED_S)
         self._at_ns = now_ns
-        left_m = math.dist(self._goal_m, self._tip_m)
-        step_m = min(MAX_SPEED_MPS, APPROACH_RATE * left_m + 0.01) * passed_s
-        share = min(step_m / left_m, 1.0) if left_m > 0.0 else 1.0
-        tip = np.array(self._tip_m) + share * np.subtract(self._goal_m, self._tip_m)
-        next_m = (float(tip[0]), float(tip[1]), float(tip[2]))
+        way_m = vector.subtract(self._goal_m, self._tip_m)
+        left_m = vector.norm(way_m)
+        if left_m == 0.0:
+            return self._tip_m
+
+        # Slower near the goal
+        speed_mps = min(MAX_SPEED_MPS, APPROACH_RATE * left_m + LEAST_SPEED_MPS)
+        share = min(speed_mps * passed_s / left_m, 1.0)
+        next_m = vector.add(self._tip_m, vector.scale(way_m, share))
         if joint_angles(self._base_m, next_m) is not None:
             self._tip_m = next_m
         return self._tip_m

@@ -168,6 +168,32 @@ def test_the_image() -> None:
     assert needed <= LOCKS["image"]
 
 
+def _links(folder: Path) -> set[str]:
+    """Return the folders of the repository that links in `folder` lead to."""
+    return {path.resolve().name for path in folder.iterdir() if path.is_symlink()}
+
+
+def test_what_the_build_reads_goes_into_the_image() -> None:
+    """The build in the image sees only what `.dockerignore` names."""
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    admitted = {line.removeprefix("!") for line in ignored if line.startswith("!")}
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    build = project["tool"]["hatch"]["build"]
+    packages = set(build["targets"]["wheel"]["packages"])
+    files = {"pyproject.toml", "LICENSE", project["project"]["readme"]}
+    if "custom" in build["hooks"]:
+        files.add(build["hooks"]["custom"].get("path", "hatch_build.py"))
+    folders = packages.union(*(_links(ROOT / package) for package in packages))
+    text = (DEPLOY / "Dockerfile").read_text(encoding="utf-8")
+    copied = set(re.findall(r"^COPY (?:--chmod=\d+ )?(\w[\w/]*?)/? ", text, re.MULTILINE))
+
+    assert {"schemas", "services", "bridges"} <= folders
+    assert copied == {"requirements", "deploy/image"}
+    assert files | folders | copied == admitted
+    assert set(build["hooks"]) <= {"custom"}, "another hook may read other files"
+
+
 def _scripts() -> Sequence[Path]:
     return sorted((DEPLOY / "image").iterdir())
 

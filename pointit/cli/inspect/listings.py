@@ -146,18 +146,21 @@ def plugins() -> OutputSection:
     for kind, group in GROUPS.items():
         option = OPTIONS[kind]
         for name in group.names:
-            use = f"{option}{name}"
             package = group.package(name)
             about = group.foreign_summary(name)
+            value = ""
 
             # One of ours has a line of its own, or the reason for which it cannot be imported
             if about is None:
                 try:
                     plugin = group.get(name)
-                    use = f"{use}{plugin.value}"
+                    value = plugin.value
                     about = plugin.summary
                 except ConfigError as error:
                     about = str(error)
+            else:
+                value = group.stated_value(name)
+            use = f"{option}{name}{value}"
             rows.append({"name": name, "use": use, "package": package, "about": about})
 
     # Commands of other packages, with the reason for which one is not added

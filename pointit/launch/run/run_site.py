@@ -14,8 +14,8 @@ from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.errors import ConfigError, ListenError, PointItError, RefusedError
+from pointit.runtime.link.link import DEFAULT_SITE, Link
 from pointit.runtime.link.link import SILENT_S as VIEWER_SILENT_S
-from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import SILENT_S, claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Deployment, Done, Health, RunScenario, UserProfile
@@ -52,16 +52,26 @@ async def open_bus(plan: Plan) -> ZenohBus:
             link = Link(site=link.site, listen=(next_address,))
         else:
             if number:
-                new_address = link.listen[0]
-                log.warning(
-                    "%s is in use, probably by another run; listening at %s: give other commands "
-                    "--connect %s, and each of two runs on a machine a --site NAME of its own",
-                    plan.link.listen[0],
-                    new_address,
-                    new_address,
-                )
+                log.warning("%s", moved_notice(plan.link, link.listen[0]))
             return bus
     raise AssertionError("unreachable: the last try raises")
+
+
+def moved_notice(link: Link, new_address: str) -> str:
+    """Return the message that a run listens at `new_address`, as the address of `link` is in use.
+
+    It gives the options that other commands need to reach this run, and advises another site only where
+    both runs may have the default one.
+    """
+    options = f"--connect {new_address}"
+    advice = ", and start one of two runs on a machine with --site NAME"
+    if link.site != DEFAULT_SITE:
+        options = f"--site {link.site} {options}"
+        advice = ""
+    return (
+        f"{link.listen[0]} is in use, probably by another run; listening at {new_address}: give other "
+        f"commands {options}{advice}"
+    )
 
 
 async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:

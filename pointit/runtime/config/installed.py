@@ -148,6 +148,10 @@ class InstalledGroup(Generic[P]):
         """Return the module of the object `name`, without importing it."""
         return self._entries[name][0].module
 
+    def attribute(self, name: str) -> str:
+        """Return the name of the object `name` in its module, without importing it."""
+        return self._entries[name][0].attr
+
     def package(self, name: str) -> str:
         """Return the package that brings the object `name`, without importing it."""
         return _package(self._entries[name][0])

@@ -4,8 +4,11 @@ A plug-in is imported when it is used. All of a kind are imported where the para
 as in the help of a service.
 """
 
+import ast
 from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
@@ -41,10 +44,15 @@ class Plugin:
     @property
     def value(self) -> str:
         """Return the text behind the name on the command line, such as `:PORT` or `[:PORT]`, or `""`."""
-        if not self.argument:
-            return ""
-        text = f":{self.example or self.argument.upper()}"
-        return f"[{text}]" if self.argument_optional else text
+        return value_text(self.argument, self.example, is_optional=self.argument_optional)
+
+
+def value_text(argument: str, example: str, *, is_optional: bool) -> str:
+    """Return the text of `Plugin.value` for its fields."""
+    if not argument:
+        return ""
+    text = f":{example or argument.upper()}"
+    return f"[{text}]" if is_optional else text
 
 
 @dataclass(frozen=True)
@@ -98,6 +106,28 @@ class PluginGroup(InstalledGroup[PluginT]):
             raise ConfigError(f"write {name}{plugin.value}")
         return name, {plugin.argument: value} if value else {}
 
+    def stated_value(self, name: str) -> str:
+        """Return `Plugin.value` of the plug-in `name` as its source states it, without importing it.
+
+        `""` if the source is not found, or states it otherwise than by literals.
+        """
+        try:
+            source = _source(self.module(name))
+        except (OSError, ImportError, SyntaxError, ValueError):  # code of others
+            return ""
+        variable = self.attribute(name)
+        for statement in source.body:
+            if isinstance(statement, ast.Assign):
+                targets = statement.targets
+            elif isinstance(statement, ast.AnnAssign):
+                targets = [statement.target]
+            else:
+                continue
+            is_plugin = any(isinstance(target, ast.Name) and target.id == variable for target in targets)
+            if is_plugin and isinstance(statement.value, ast.Call):
+                return _value_of(statement.value)
+        return ""
+
     def configs(self, among: Collection[str] | None = None) -> dict[str, type[Config]]:
         """Return parameters of all that can be imported, by name; `among` as in `PluginConfig.sections`."""
         configs: dict[str, type[Config]] = {}
@@ -123,6 +153,37 @@ class PluginGroup(InstalledGroup[PluginT]):
         except ValidationError as error:
             below, text = first_mistake(error, kind)
             raise _described((*loc, *below), text, values) from error
+
+
+def _source(module: str) -> ast.Module:
+    """Return the parsed source of `module`.
+
+    Raises:
+        ImportError: If there is no such file below its topmost package.
+        OSError, SyntaxError, ValueError: If it cannot be read.
+    """
+    # Only a module without a package is found without importing a package above it
+    top, *below = module.split(".")
+    spec = find_spec(top)
+    if spec is None or spec.origin is None:
+        raise ImportError(f"{top} is not found")
+    path = Path(spec.origin)
+    if below:
+        path = path.parent.joinpath(*below)
+        path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _value_of(call: ast.Call) -> str:
+    literals: dict[str, Any] = {}
+    for keyword in call.keywords:
+        if keyword.arg is not None and isinstance(keyword.value, ast.Constant):
+            literals[keyword.arg] = keyword.value.value
+    return value_text(
+        str(literals.get("argument", "")),
+        str(literals.get("example", "")),
+        is_optional=bool(literals.get("argument_optional", False)),
+    )
 
 
 def _described(loc: tuple[int | str, ...], text: str, value: object) -> ValidationError:

@@ -12,7 +12,7 @@ from pointit.diagnosis.observation import start_command
 from pointit.launch.plan.launches import CURSOR_COLORS, Choices, check_settings, shard_launches, site_launches
 from pointit.launch.plan.plan import USUAL, Plan, Scenario
 from pointit.launch.run.processes import Processes
-from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, surroundings
+from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, moved_notice, surroundings
 from pointit.launch.run.running_scenario import DeploymentPublisher
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError
@@ -50,6 +50,22 @@ async def test_surroundings_are_the_scenario_of_the_joined_site(
     for name in names:
         runs(bus, name)
     assert await surroundings(bus) == (scenario, 1)
+
+
+@pytest.mark.parametrize(
+    ("site", "end"),
+    [
+        (
+            "lab",
+            "give other commands --connect tcp/[::]:7448, and start one of two runs on a machine with --site "
+            "NAME",
+        ),
+        ("hall", "give other commands --site hall --connect tcp/[::]:7448"),
+    ],
+)
+def test_notice_of_a_moved_run_advises_a_site_only_when_none_was_named(site: str, end: str) -> None:
+    link = Link(site=site, listen=("tcp/[::]:7447",))
+    assert moved_notice(link, "tcp/[::]:7448").endswith(f"listening at tcp/[::]:7448: {end}")
 
 
 async def test_surroundings_have_the_first_free_colour(bus: MemoryBus) -> None:

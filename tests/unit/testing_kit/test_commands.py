@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import pointit
+from pointit.cli.inspect import listings
 from pointit.cli.main import front
 from pointit.cli.plugins import check, print_selections
 from pointit.cli.plugins import check as new
@@ -56,6 +57,58 @@ def test_new_package_is_found_and_keeps_its_promises(tmp_path: Path, stack: cont
     assert result.exit_code == 0, result.output
     assert "kept   selection-method my-way: selects the object" in result.output
     assert "6 of 6 promises are kept" in result.output
+
+
+@pytest.mark.parametrize(
+    ("kind", "use"),
+    [
+        ("imu-source", "--imu my-part:HOST"),
+        ("led-output", "--output my-part:HOST"),
+        ("selection-method", "--method my-part"),
+    ],
+)
+def test_list_shows_the_use_that_new_prints_without_importing(
+    kind: str, use: str, tmp_path: Path, stack: contextlib.ExitStack
+) -> None:
+    target = tmp_path / "my-part"
+    printed = invoke(new.new, kind, "my-part", "--folder", str(target)).output
+    install(target, stack)
+
+    rows = {row["name"]: row for row in listings.plugins().rows}
+
+    assert printed.endswith(f" {use}\n")
+    assert rows["my-part"]["use"] == use
+    assert "my_part" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("source", "value"),
+    [
+        ('MINE = ImuSource(argument="port")', ":PORT"),
+        ('MINE: ImuSource = ImuSource(argument="port", example="COM3", argument_optional=True)', "[:COM3]"),
+        ("MINE = ImuSource(argument=NAME)", ""),
+        ("MINE, OTHER = pair()", ""),
+        ("MINE = (", ""),
+        ("", ""),
+    ],
+)
+def test_stated_value_is_read_from_the_source(
+    source: str, value: str, tmp_path: Path, stack: contextlib.ExitStack
+) -> None:
+    entry = "mine = strangers_stated:MINE"
+    stack.enter_context(strangers.installed(tmp_path, "strangers_stated", source, imu_sources=entry))
+    assert GROUPS["imu-source"].stated_value("mine") == value
+
+
+def test_stated_value_of_a_module_in_a_package_is_read(tmp_path: Path, stack: contextlib.ExitStack) -> None:
+    folder = tmp_path / "strangers_room"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("raise RuntimeError")
+    (folder / "wrist.py").write_text('MINE = ImuSource(argument="port")')
+    entries = "mine = strangers_room.wrist:MINE\nlost = strangers_room.none:MINE"
+    stack.enter_context(strangers.installed(tmp_path, "strangers_other", "", imu_sources=entries))
+    values = [GROUPS["imu-source"].stated_value(name) for name in ("mine", "lost")]
+    assert values == [":PORT", ""]
 
 
 def test_each_result_is_reported_before_the_next_promise_is_tested() -> None:

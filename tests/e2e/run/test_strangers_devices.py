@@ -65,7 +65,8 @@ async def test_third_party_plugins_are_listed_and_faulty_ones_refused(
 ) -> None:
     ended = await commands.start_program("plugin", "list", "--json", environment=installed).end(code=0)
     about = {row["use"]: row["about"] for row in json.loads(ended.out)["plugins"]}
-    assert {"--imu waving:RATE_HZ", "--output notebook:PATH", "--imu broken", "--with witness"} <= about.keys()
+    devices = {"--imu waving:RATE_HZ", "--output notebook:PATH", "--imu broken"}
+    assert {*devices, "--with witness"} <= about.keys()
     assert about["--imu waving:RATE_HZ"] == SUMMARY
     arguments = ("run", "scenario_2", "--imu", "broken")
     refused = await commands.start_program(*arguments, environment=installed).end(code=2)

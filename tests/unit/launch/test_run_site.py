@@ -53,19 +53,15 @@ async def test_surroundings_are_the_scenario_of_the_joined_site(
 
 
 @pytest.mark.parametrize(
-    ("site", "end"),
+    ("site", "options"),
     [
-        (
-            "lab",
-            "give other commands --connect tcp/[::]:7448, and start one of two runs on a machine with --site "
-            "NAME",
-        ),
-        ("hall", "give other commands --site hall --connect tcp/[::]:7448"),
+        ("lab", "--connect tcp/[::]:7448, and start one of two runs on a machine with --site NAME"),
+        ("hall", "--site hall --connect tcp/[::]:7448"),
     ],
 )
-def test_notice_of_a_moved_run_advises_a_site_only_when_none_was_named(site: str, end: str) -> None:
-    link = Link(site=site, listen=("tcp/[::]:7447",))
-    assert moved_notice(link, "tcp/[::]:7448").endswith(f"listening at tcp/[::]:7448: {end}")
+def test_notice_of_a_moved_run_advises_a_site_only_when_none_was_named(site: str, options: str) -> None:
+    notice = moved_notice(Link(site=site, listen=("tcp/[::]:7447",)), "tcp/[::]:7448")
+    assert notice.endswith(f"listening at tcp/[::]:7448: give other commands {options}")
 
 
 async def test_surroundings_have_the_first_free_colour(bus: MemoryBus) -> None:

@@ -224,7 +224,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._hints.clear()
 
         # Changes are subscribed before the states are read, so that none is missed in between
-        silent = f"{self.config.url} accepts the token and then says nothing: restart Home Assistant"
+        silent = f"{self.config.url} accepts the token but then does not answer: restart Home Assistant"
         silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
         try:
             await connection.subscribe("state_changed", self._on_state_changed)

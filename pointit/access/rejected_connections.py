@@ -105,4 +105,4 @@ def rejection_summary(reasons: Counter[str]) -> str:
     for reason, count in reasons.most_common():
         times = f" ({count} times)" if count > 1 else ""
         shown.append(reason + times)
-    return f"somebody was not let in: {first_of(shown, MAX_SHOWN)}"
+    return f"a connection was refused: {first_of(shown, MAX_SHOWN)}"

@@ -24,8 +24,8 @@ from pointit.services.registry import HOME_ASSISTANT, person_of, present_writers
 CHAIN: tuple[AnyTopic, ...] = (IMU, RAY, CURSOR, HOVER)
 """Topics from a wrist to a selection. Each is made of the one before it."""
 SHARED_REMEDY = (
-    "start what all people share again where it ran, with `pointit run --site-only{credentials}`; if its "
-    "process is stopped there, continue it: `kill -CONT PID`"
+    "restart the shared services where they ran, with `pointit run --site-only{credentials}`; if their "
+    "process is stopped, continue it: `kill -CONT PID`"
 )
 HOME_REMEDY = (
     f"add --with {HOME_ASSISTANT.name} to `pointit run`, and its address and token by --config "
@@ -79,7 +79,7 @@ def find_empty_site(seen: Observation) -> Iterator[Finding]:
     if seen.present:
         if all(map(is_router, seen.present)):
             remedy = (
-                "start what all people share with `pointit run --site-only --credentials FOLDER/identities/"
+                "start the shared services with `pointit run --site-only --credentials FOLDER/identities/"
                 "supervisor`, then each person with `pointit person add NAME --credentials NAME`"
             )
             yield Finding("error", "empty", "", "nothing but the router runs on this site yet", remedy)

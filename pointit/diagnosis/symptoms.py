@@ -232,6 +232,6 @@ def _counter(instance: str, now: int, then: int, sentence: str, remedy: str) -> 
     if not now:
         return
     if now > then:
-        yield Finding("error", "failing", instance, f"{now} {sentence}, and the number grows", remedy)
+        yield Finding("error", "failing", instance, f"{now} {sentence}; the number is growing", remedy)
     else:
         yield Finding("note", "failed", instance, f"{now} {sentence}, not any more", remedy)

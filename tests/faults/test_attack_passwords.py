@@ -46,7 +46,7 @@ EVIL = "anna"
 VICTIM = "user1"
 SILENT = 150
 """More than Zenoh allows to wait at its door by default."""
-STRANGER = "somebody was not let in"
+STRANGER = "a connection was refused"
 LATE_S = 1.0
 """Limit of the time without any person's cursor, on a busy machine."""
 

@@ -98,7 +98,7 @@ async def test_strangers_are_not_let_in_and_told_of(site: Site, account: Account
             folder = tmp_path / what.replace(" ", "-")
             attacked.begin()
             knock(site, folder)
-            noticed_s = await attacked.is_told("somebody was not let in", words)
+            noticed_s = await attacked.is_told("a connection was refused", words)
             attacked.row(account, f"at the router's port: {what}", noticed_s, BY)
         await attacked.unharmed()
 

@@ -183,7 +183,7 @@ class TopicMeter:
         if self._late.holds(late, now_s):
             by_s = max(reader.lateness.by_s for reader in self._readers)
             sentence = (
-                f"{late} messages on {shown} came later than others before them, the last by "
+                f"{late} messages on {shown} arrived after newer ones, the last by "
                 f"{by_s:.1f} s, and were left out: check the link to their writer, which is slow or "
                 "loses much"
             )

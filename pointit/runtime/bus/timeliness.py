@@ -223,10 +223,10 @@ class ClockSkew:
         exception = ""
         if self.ahead_s <= 0:
             direction = "behind"
-            exception = ", unless its link alone has this delay"
-        effect = "latency figures of what crosses the two are wrong by as much"
+            exception = ", unless only its link is delayed"
+        effect = "latencies measured between the two are wrong by as much"
         if self.exceeds_limit:
-            effect = "samples that cross the two are refused as too old or of the future"
+            effect = "samples between the two are refused as too old or from the future"
         clock = f"the clock of machine {self.host}"
         if self.claimant:
             clock = f"the services of {self.claimant} say that {clock}"

@@ -237,7 +237,7 @@ class DatagramSender:
 def describe_network_error(error: OSError) -> str:
     """Return the meaning of `error` and the remedy, for a person."""
     if isinstance(error, socket.gaierror):
-        return "its name is not known here: switch it on, or give its address in place of the name"
+        return "its name cannot be resolved: switch it on, or use its address instead of the name"
     if error.errno == errno.ECONNREFUSED:
         return "it is there, but does not listen: switch on its network input, or correct the port"
     if error.errno in UNREACHABLE:

@@ -52,7 +52,7 @@ DONE_WORDS = (
 """Messages of the page about an act that was done, with the thing's name."""
 
 
-UNWANTED = "not to be selected, and staying on it selects it"
+UNWANTED = "should not be selected, but staying on it selects it"
 BLUE_ONES = """[...window.pointit.site.objects.values()].flatMap(({ objects }) => objects)
   .filter(({ kind }) => kind === "blue").map(({ id }) => id)"""
 
@@ -270,7 +270,7 @@ class Pointer:
             ]
 
 
-NOT_CHANGED = "{} is not changed: "
+NOT_CHANGED = "{} did not change: "
 UNAVAILABLE = "{} is unavailable: "
 
 

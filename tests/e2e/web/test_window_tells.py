@@ -96,7 +96,7 @@ async def test_a_wrong_package_is_not_praised(browser: Browser, shared_site: Sit
         await window.selects(
             seen.bus, "blue", lambda: any((each.event, each.kind) == ("selected", "blue") for each in events)
         )
-        await window.has_told("You selected a blue package, which is not wanted.")
+        await window.has_told("You selected a blue package, which should not be selected.")
         await window.has_told("Not wanted: blue")
         await window.until("window.sounds.at(-1) === 'sawtooth'")
         bad, border = await page.evaluate(BAD_AND_BORDER)

@@ -298,15 +298,15 @@ def test_handshakes_that_fail_are_told() -> None:
     warning = "\x1b[2m2030-01-01T00:00:00Z\x1b[0m  WARN acc-0 ThreadId(05) zenoh_link_tls::unicast: "
     line = f"{warning}invalid peer certificate: UnknownIssuer. Hint: increase the system open file limit."
     assert sentences(line, line) == [
-        "somebody was not let in: invalid peer certificate: UnknownIssuer (2 times)"
+        "a connection was refused: invalid peer certificate: UnknownIssuer (2 times)"
     ]
     expired = "expired: verification time 5 (UNIX), but certificate is not valid after 4 (1 seconds ago)"
     assert sentences(line.replace("UnknownIssuer", f"certificate {expired}")) == [
-        "somebody was not let in: invalid peer certificate: certificate expired"
+        "a connection was refused: invalid peer certificate: certificate expired"
     ]
     plain = f"{warning}received corrupt message of type InvalidContentType."
     assert sentences(plain, plain) == [
-        "somebody was not let in: came without credentials, by plain TCP instead of TLS (2 times)"
+        "a connection was refused: came without credentials, by plain TCP instead of TLS (2 times)"
     ]
 
 
@@ -334,13 +334,13 @@ def test_rejected_password_is_reported_with_the_address() -> None:
     link = "tls/10.0.0.1:7447 => quic/[fd00::5]:1"
     bare = f"{door('TRACE')}Establishment Accept InitSyn: {link}. Received: T {{}}"
     assert sentences(knock(), wrong, knock(), wrong) == [
-        "somebody was not let in: a wrong password from 10.0.0.5 (2 times)"
+        "a connection was refused: a wrong password from 10.0.0.5 (2 times)"
     ]
     assert sentences(knock(), unknown) == [
-        "somebody was not let in: an unknown or former password from 10.0.0.5"
+        "a connection was refused: an unknown or former password from 10.0.0.5"
     ]
     assert sentences(bare, refusal("Expected extension")) == [
-        "somebody was not let in: came without a password from [fd00::5]"
+        "a connection was refused: came without a password from [fd00::5]"
     ]
 
 
@@ -348,7 +348,7 @@ def test_rejection_is_not_attributed_to_an_accepted_connection() -> None:
     """Newcomers are told apart by threads, and one reason is of one of them."""
     wrong = refusal("Invalid password")
     assert sentences(knock(), knock("10.0.0.6:1", thread="06"), wrong, wrong) == [
-        "somebody was not let in: a wrong password from 10.0.0.5, a wrong password"
+        "a connection was refused: a wrong password from 10.0.0.5, a wrong password"
     ]
     assert sentences(knock(), f"{door('DEBUG')}New transport link accepted from 12 to 34") == []
 
@@ -372,7 +372,7 @@ def test_peer_without_zenoh_behind_tls_is_reported() -> None:
         f"{door('DEBUG', module='manager')}Failed to accept link before deadline (3000ms)",
     )
     assert told == (
-        "somebody was not let in: came by TLS and spoke no Zenoh from 10.0.0.5 (2 times), "
+        "a connection was refused: came by TLS and spoke no Zenoh from 10.0.0.5 (2 times), "
         "came by TLS and said nothing"
     )
 

@@ -38,7 +38,7 @@ ACTS = {
     "mute": "restart Home Assistant",
     "entity": "correct `home_assistant` in the map",
     "no bridge": "to `pointit run`, and its address and token by --config",
-    "controller": "switch it on, or give its address",
+    "controller": "switch it on, or use its address",
     "battery": "charge it",
 }
 """Words that tell people what to do by hand, by the kind of fault that it ends where the finding names it."""

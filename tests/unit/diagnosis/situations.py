@@ -175,7 +175,7 @@ def failing_handler(site: Site) -> None:
 
 
 def late_rays(site: Site) -> None:
-    sentence = "40 messages on users/*/ray came later than others before them: check the link to their writer"
+    sentence = "40 messages on users/*/ray arrived after newer ones: check the link to their writer"
     site.warnings["pui"] = (Problem(code=LATE, sentence=sentence, topic=RAY.key),)
     site.ages_s["pui", RAY, "in"] = 1.2
 
@@ -255,7 +255,7 @@ UNKNOWN = (
     "here again, or make one with `pointit site renew anna`"
 )
 FOREIGN = "hall/cleo may not write users/ben/ray (200 times): refused"
-BARE = "somebody was not let in: came without credentials, by plain TCP"
+BARE = "a connection was refused: came without credentials, by plain TCP"
 NO_UDP = (
     "no reading arrives at UDP port 127.0.0.1:9999: start the app and let it send to this machine; only this "
     "machine is heard there: --set imu-bridge.udp.host=0.0.0.0 for others"
@@ -265,7 +265,7 @@ NO_HOME = (
     "no Home Assistant answers at http://ha:8123 (refused): start it, or correct `url`, its usual port is "
     "8123"
 )
-MUTE_HOME = "http://ha:8123 accepts the token and then says nothing: restart Home Assistant"
+MUTE_HOME = "http://ha:8123 accepts the token but then does not answer: restart Home Assistant"
 NO_BROKER = "acts on radio are refused: hall: the broker cannot be reached: start it, or correct its address"
 CARRIER = "lamp-12cc87ef"
 KILLED_CARRIER = f"acts on radio are refused: {CARRIER} has ended: start it again"

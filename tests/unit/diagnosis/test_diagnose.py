@@ -236,7 +236,7 @@ def test_counters_are_errors_while_growing_and_notes_afterwards(topic: Topic[Any
     assert (growing.code, growing.severity) == ("failing", "error")
     assert growing.sentence.startswith("6 ")
     assert topic.at("*") in growing.sentence
-    assert growing.sentence.endswith("and the number grows")
+    assert growing.sentence.endswith("; the number is growing")
     past = only(observation(six, before=[six]))
     assert (past.code, past.severity) == ("failed", "note")
 

@@ -28,7 +28,7 @@ def change(site: Site, name: str, **fields: Any) -> Site:
 
 
 def late(topic: Topic[Any]) -> Problem:
-    sentence = f"40 messages on {topic.key} came later than others before them: check the link"
+    sentence = f"40 messages on {topic.key} arrived after newer ones: check the link"
     return Problem(code=LATE, sentence=sentence, topic=topic.key)
 
 

@@ -247,7 +247,7 @@ async def test_silent_home_assistant_is_reported_within_seconds(
         (problem,) = health[-1].problems
         assert (problem.code, problem.sentence) == (
             "connection",
-            "http://127.0.0.1:1 accepts the token and then says nothing: restart Home Assistant",
+            "http://127.0.0.1:1 accepts the token but then does not answer: restart Home Assistant",
         )
         answers.set()
         await asyncio.sleep(2.0)

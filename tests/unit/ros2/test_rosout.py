@@ -114,7 +114,7 @@ def test_failing_calls_are_one_error_in_each_process(log: Log) -> None:
     assert log.says(health(errors=3)) == [], "before we looked"
     ((level, said),) = log.says(health(errors=4))
     assert level == ERROR
-    assert said.startswith("4 of its handlers' calls failed, and the number grows; its log has")
+    assert said.startswith("4 of its handlers' calls failed; the number is growing; its log has")
     assert log.says(health(errors=5)) == []
     ((level, said),) = log.says(health(errors=5), OVER_REPORTS)
     assert (level, said.split(" ")[:3]) == (INFO, ["over:", "5", "of"])

@@ -381,7 +381,7 @@ async def test_messages_too_late_to_act_on_are_dropped_and_reported(bench: Bench
     assert acts == [*range(10), 20], "the last one need not be in time"
     report = bench.view.report()
     assert report.status == "degraded"
-    assert report.warnings[0].startswith("10 messages on users/anna/imu came later than others before them")
+    assert report.warnings[0].startswith("10 messages on users/anna/imu arrived after newer ones")
     assert "the last by 1.8 s" in report.warnings[0]
     now_s[0] += 6.0
     assert not bench.view.report().warnings

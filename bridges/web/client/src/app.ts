@@ -300,7 +300,7 @@ function tell(change: SiteEvent): void {
     if (ended) say(`${who}${ended}: ${what}`, isOwn);
   } else if (event.event === "refused" && isOwn) {
     const why = friendly(site, event.reason) || "it could not be selected.";
-    controls.toasts.show("info", `${capital(what)} is not changed: ${why}`);
+    controls.toasts.show("info", `${capital(what)} did not change: ${why}`);
   }
 }
 

@@ -70,25 +70,25 @@ test("a refusal stays while one is on the thing, and another visit starts withou
   const { site, ada, card } = home();
   assert.equal(card(), "Movie: stay on it …");
   noteChange(site, { ...EVENT, event: "refused", reason: "no Home Assistant answers: start it" });
-  assert.equal(card({ action: "" }), "Movie is not changed: no Home Assistant answers: start it");
+  assert.equal(card({ action: "" }), "Movie did not change: no Home Assistant answers: start it");
   ada.cameNs = 20 * S;
   assert.equal(card({ action: "" }), "Movie: leave it, then point at it again.", "that was an earlier visit");
   noteChange(site, { ...EVENT, stamp_ns: 21 * S });
-  assert.equal(card({ action: "" }), "Movie has fired. Go on with the next.");
+  assert.equal(card({ action: "" }), "Movie has fired. Continue with the next one.");
   noteChange(site, { ...EVENT, event: "refused", stamp_ns: 21 * S, reason: "it did not follow" });
   assert.equal(
     card({ action: "" }),
-    "Movie is not changed: it did not follow",
+    "Movie did not change: it did not follow",
     "a failed act has the stamp of its event",
   );
   noteChange(site, { ...EVENT, event: "deselected", stamp_ns: 22 * S, cause: "" });
   assert.equal(
     card({ action: "" }),
-    "Movie is not changed: it did not follow",
+    "Movie did not change: it did not follow",
     "a button goes off by itself",
   );
   noteChange(site, { ...EVENT, event: "refused", stamp_ns: 22 * S, user: "ben", reason: "of another" });
-  assert.notEqual(card({ action: "" }), "Movie is not changed: of another");
+  assert.notEqual(card({ action: "" }), "Movie did not change: of another");
 });
 
 test("an unavailable thing is said to be so before, during and after an act", () => {
@@ -104,9 +104,9 @@ test("a switch that is on, under way or not wanted has its own words", () => {
   const { site, controls, card } = home();
   const radio = { object_id: "radio" };
   site.selection = { objects: [{ id: "radio", user: "ada", is_pending: true }], reserved: [] } as never;
-  assert.equal(card({ ...radio, action: "" }), "Radio: under way …");
+  assert.equal(card({ ...radio, action: "" }), "Radio: in progress …");
   site.selection = { objects: [{ id: "radio", user: "ben" }], reserved: [] } as never;
-  assert.equal(card({ ...radio, action: "", is_selected: true }), "Radio is on. Go on with the next.");
+  assert.equal(card({ ...radio, action: "", is_selected: true }), "Radio is on. Continue with the next one.");
   assert.equal(
     card({ ...radio, action: "deselect", is_selected: true }),
     "Radio is on; staying switches it off.",
@@ -120,7 +120,7 @@ test("a switch that is on, under way or not wanted has its own words", () => {
   site.selection = null;
   assert.equal(
     card(radio),
-    "Radio: not to be selected, and staying on it selects it. Go on to the Movie ones.",
+    "Radio should not be selected, but staying on it selects it. Move on to the Movie ones.",
   );
   assert.equal(controls.goal, "Point at Movie.");
 });

@@ -143,20 +143,24 @@ export const TABLE: readonly Row[] = [
   row(
     "is found",
     { state: "localizing" },
-    { title: "You are the arm. First the system finds your place.", text: "{next}" },
+    { title: "You are the arm. First, PointIt finds your position.", text: "{next}" },
   ),
   row(
     "selected what is not wanted",
     { just: "wrong" },
-    { mode: "wrong", title: "You {did}, which is not wanted.", text: "Select it again to take it back." },
+    {
+      mode: "wrong",
+      title: "You {did}, which should not be selected.",
+      text: "Select it again to take it back.",
+    },
   ),
   row(
     "selected",
     { just: "right" },
-    { mode: "success", title: "You {did}!", text: "{count}Go on with the next." },
+    { mode: "success", title: "You {did}!", text: "{count}Continue with the next one." },
   ),
 
-  row("refused", { ...ON, last: "refused" }, { step: "stopped", text: "{thing} is not changed: {why}" }),
+  row("refused", { ...ON, last: "refused" }, { step: "stopped", text: "{thing} did not change: {why}" }),
   row(
     "unavailable",
     { ...ON, barrier: "unavailable" },
@@ -166,31 +170,34 @@ export const TABLE: readonly Row[] = [
   row(
     "another's",
     { ...ON, barrier: "taken", mode: "claim" },
-    { step: "stopped", text: "{thing} cannot be had: {other} has it. Point at another, or wait." },
+    { step: "stopped", text: "{thing} is taken: {other} has it. Point at another one, or wait." },
   ),
   row(
     "in use",
     { ...ON, barrier: "taken" },
     {
       step: "stopped",
-      text: "{thing} cannot be had: {other} is about to use it. Point at another, or wait.",
+      text: "{thing} is busy: {other} is about to use it. Point at another one, or wait.",
     },
   ),
   row(
     "too late",
     { ...ON, barrier: "late" },
-    { step: "stopped", text: "{thing} cannot be had: it is too late for it. Point at another." },
+    { step: "stopped", text: "{thing} cannot be selected any more. Point at another one." },
   ),
-  row("under way", { ...ON, barrier: "pending" }, { step: "following", text: "{thing}: under way …" }),
+  row("under way", { ...ON, barrier: "pending" }, { step: "following", text: "{thing}: in progress …" }),
   row(
     "not wanted; stay selects it",
     { ...ON, barrier: "unwanted", by: "stay" },
-    { step: "leave", text: "{thing}: not to be selected, and staying on it selects it. Go on to {wanted}." },
+    {
+      step: "leave",
+      text: "{thing} should not be selected, but staying on it selects it. Move on to {wanted}.",
+    },
   ),
   row(
     "not wanted",
     { ...ON, barrier: "unwanted" },
-    { text: "{thing}: not to be selected. Go on to {wanted}." },
+    { text: "{thing} should not be selected. Move on to {wanted}." },
   ),
 
   row(
@@ -217,12 +224,12 @@ export const TABLE: readonly Row[] = [
   row(
     "fired",
     { ...ON, mode: "button", last: "done" },
-    { step: "following", text: "{thing} has fired. Go on with the next." },
+    { step: "following", text: "{thing} has fired. Continue with the next one." },
   ),
   row(
     "fired by them",
     { ...ON, mode: "button", owner: ["page", "person"] },
-    { step: "following", text: "{thing} has fired. Go on with the next." },
+    { step: "following", text: "{thing} has fired. Continue with the next one." },
   ),
   row(
     "was not left yet",
@@ -232,32 +239,32 @@ export const TABLE: readonly Row[] = [
   row(
     "is on",
     { ...ON, mode: "switch", owner: ["page", "person", "other"], does: "" },
-    { step: "following", text: "{thing} is on. Go on with the next." },
+    { step: "following", text: "{thing} is on. Continue with the next one." },
   ),
   row(
     "is off",
     { ...ON, mode: "switch", does: "" },
-    { step: "following", text: "{thing} is off. Go on with the next." },
+    { step: "following", text: "{thing} is off. Continue with the next one." },
   ),
   row(
     "theirs, by this page",
     { ...ON, mode: "claim", owner: "page" },
-    { step: "following", text: "{thing} is yours. Go on with the next." },
+    { step: "following", text: "{thing} is yours. Continue with the next one." },
   ),
   row(
     "theirs, otherwise",
     { ...ON, mode: "claim", owner: "person" },
-    { step: "following", text: "{thing} is selected already. Go on with the next." },
+    { step: "following", text: "{thing} is selected already. Continue with the next one." },
   ),
   row(
     "belongs to another",
     { ...ON, mode: "claim", owner: "other", does: "" },
-    { step: "following", text: "{thing} belongs to {other}. Go on with the next." },
+    { step: "following", text: "{thing} belongs to {other}. Continue with the next one." },
   ),
   row(
     "free again",
     { ...ON, does: "" },
-    { step: "following", text: "{thing} is free again. Go on with the next." },
+    { step: "following", text: "{thing} is free again. Continue with the next one." },
   ),
 
   row("by its name", { ...ON, by: "name" }, press("{thing}: press once you have heard its name.")),
@@ -269,7 +276,7 @@ export const TABLE: readonly Row[] = [
   row(
     "a place is proposed",
     { isProposed: true },
-    { step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." },
+    { step: "hold", text: "This position is proposed. Point elsewhere, then here again to confirm it." },
   ),
   row(
     "names are spoken",

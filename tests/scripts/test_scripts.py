@@ -306,3 +306,42 @@ def test_all_tests_except_the_nightly_run_in_one_pytest(machine: Machine) -> Non
     )
     night = (ROOT / ".ci/nightly").read_text(encoding="utf-8")
     assert {"tests/containers", "tests/interop"} <= {*night.split()}
+
+
+NIGHT_SCRIPTS = ("scripts/setup", "scripts/test", "scripts/mutants", ".ci/containers", ".ci/versions")
+
+
+@pytest.fixture
+def night_machine(machine: Machine) -> Machine:
+    """Return a machine whose scripts record their calls; one that $BREAKS fails."""
+    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
+    for script in NIGHT_SCRIPTS:
+        recorder = f'#!/bin/sh\necho "{script} $*" >> "$CALLS"\ntest "$BREAKS" != {script}\n'
+        (machine.root / script).write_text(recorder, encoding="utf-8")
+    machine.add("git", "#!/bin/sh\necho 0123abc\n")
+    return machine
+
+
+def test_night_runs_the_named_parts_only(night_machine: Machine) -> None:
+    done = night_machine.run("../.ci/nightly", "versions", "mutants")
+    assert done.returncode == 0
+    assert night_machine.calls == [
+        "scripts/setup dev",
+        ".ci/versions ",
+        "scripts/mutants --sample 100 --seed 0123abc",
+    ]
+
+
+def test_night_goes_on_after_a_failed_part(night_machine: Machine) -> None:
+    done = night_machine.run("../.ci/nightly", "containers", "long", BREAKS=".ci/containers")
+    assert done.returncode == 1
+    results = [line.split()[:2] for line in done.stdout.splitlines()[-2:]]
+    assert results == [["FAILED", "containers"], ["ok", "long"]]
+    assert len([call for call in night_machine.calls if call.startswith("scripts/test")]) == 1
+
+
+def test_night_refuses_an_unknown_part_before_anything_runs(night_machine: Machine) -> None:
+    done = night_machine.run("../.ci/nightly", "long", "figure")
+    assert done.returncode == 2
+    assert "there is no part figure: choose from containers long versions mutants figures" in done.stderr
+    assert night_machine.calls == []

@@ -22,6 +22,12 @@ from pointit.schemas.base import (
 ReferentKind = Literal["thing", "robot", "object", "person", "place", "direction"]
 """Kind of a referent: `object` is a tracked one that is no thing of the map."""
 
+Gesture = Literal["press", "double", "hold"]
+"""Press of a button, two in quick succession, or a long one."""
+
+RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
+"""Line along which a person points."""
+
 Deictic = Literal["", "this", "that", "here", "there", "these"]
 """Word that refers by pointing, or `""` for any: `these` to all that is swept over."""
 
@@ -97,7 +103,7 @@ class WristSample(Message):
 class ButtonEvent(Message):
     """The person pressed their button; presses move the interaction on."""
 
-    gesture: Literal["press", "double", "hold"] = "press"
+    gesture: Gesture = "press"
     source: Annotated[Id, Field(description="device, page, headset, keyboard, joypad, simulated")] = "device"
 
 
@@ -161,7 +167,7 @@ class UserProfile(Message):
     cursor_color: Rgb = (255, 255, 255)
     cursor_width_m: Annotated[float, Field(gt=0, le=1, description="length lit on a strip")] = 0.1
     ray_model: Annotated[
-        Literal["eye_finger", "shoulder_arm", "forearm"],
+        RayModel,
         Field(description="from the eyes through the fingertip, from the shoulder or from the elbow"),
     ] = "eye_finger"
     offset: Annotated[PointingOffset | None, Field(description="None if not calibrated")] = None

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 from collections.abc import Callable, Collection, Iterable
-from typing import Literal
 
 from pydantic import ValidationError
 
@@ -24,12 +23,11 @@ from pointit.schemas import (
     TrackedObjects,
     summarize_validation_error,
 )
+from pointit.schemas.person import Gesture
 from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, OBJECTS
 from pointit.site.following import follow_site
 from pointit.site.site_state import Change, SiteState
-
-Gesture = Literal["press", "double", "hold"]
 
 CUE_FIRST_S = 0.2
 """Time an Interaction may arrive after its cue; a refusal may have only a cue."""

@@ -11,6 +11,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
+from pointit.geometry.rotation import Quaternion
 from pointit.schemas import (
     LitPixels,
     PointingOffset,
@@ -29,7 +30,6 @@ D = TypeVar("D")
 R = TypeVar("R")
 S = TypeVar("S")
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 SendQuery = Callable[[Request[Any, Any], Query, str], Any]
 """Sends a query, and returns what the method is to return."""
 

@@ -2,15 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
-
-RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
+from pointit.schemas.person import RayModel
 
 TREMOR_HZ = (6.0, 12.0)
 TREMOR_TONES = 3

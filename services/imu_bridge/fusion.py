@@ -22,10 +22,9 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.device_wrist import Figure
+from pointit.services.imu_bridge.device_wrist import Figure, Values
 from pointit.services.imu_bridge.sources import RawReading
 
-Values = tuple[float, ...]
 """Angular velocity and acceleration."""
 START_S = 1.0
 """Duration of the first readings, from which the filter gets its period, s."""

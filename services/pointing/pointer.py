@@ -21,8 +21,8 @@ from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, ImuSample, PointingOffset, PointingRay, UserProfile
 from pointit.schemas.base import unchecked
+from pointit.schemas.person import RayModel
 
-RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
 Verdict = Literal["fresh", "stale", "repeated"]
 
 UPPER_ARM_SHARE = 0.56

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from pointit.runtime.config.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Rgb
+from pointit.schemas.person import RayModel
 
 DEFAULT_STATURE_M = 1.835
 """Stature of the default measures (pointing.md §1), m."""
@@ -103,7 +104,7 @@ class ProfileConfig(Config):
     )
     body: BodyConfig = Field(default=BodyConfig(), description="lengths of the person's body")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
-    ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
+    ray_model: RayModel = Field(
         default="eye_finger",
         description="ray from the eyes through the fingertip, from the shoulder along the arm, or "
         "from the elbow of a hanging upper arm along the forearm",

@@ -7,6 +7,7 @@ from pydantic import Field
 from pointit.runtime.config.config import Config
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import Vec3
+from pointit.schemas.person import RayModel
 
 Behaviour = Literal["rest", "lamps", "strips", "select", "send", "fly", "drive"]
 """Behaviour of the person while they may point."""
@@ -21,7 +22,7 @@ class SimulatedBodyConfig(Config):
     shoulder_to_wrist_m: float = Field(default=0.55, gt=0, lt=2, description="shoulder to wrist, m")
     wrist_to_finger_m: float = Field(default=0.18, ge=0, lt=1, description="wrist to fingertip, m")
     hand: Literal["left", "right"] = Field(default="right", description="the hand that points")
-    ray_model: Literal["eye_finger", "shoulder_arm", "forearm"] = Field(
+    ray_model: RayModel = Field(
         default="eye_finger",
         description="method of aiming: finger before the eyes, straight arm at the thing itself, or "
         "forearm with the upper arm hanging; the profile should be the same, or it is wrong",

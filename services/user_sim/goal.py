@@ -8,12 +8,12 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
+from pointit.schemas.person import Gesture
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.eyes import Kind
 from pointit.services.user_sim.sight import SeenObject, Sight
 
 State = Literal["idle", "asked", "pointing"]
-Gesture = Literal["press", "double", "hold"]
 
 OFF_S = 2.0
 """Time for which the cursor is off before the person reacts, s."""

@@ -11,10 +11,10 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Step, UserPose, Word, WristSample
+from pointit.schemas.person import Gesture
 from pointit.schemas.problems import NAMES_SPOKEN, VOICE
 from pointit.schemas.topics import BUTTON, POSE, SPEECH, STEP, WRIST
 
-Gesture = Literal["press", "double", "hold"]
 VoiceProblem = Literal["", "none", "language", "silent"]
 
 BROWSER = "browser"

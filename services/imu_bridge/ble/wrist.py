@@ -3,19 +3,19 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
 from pointit.schemas import Feedback
+from pointit.schemas.person import Gesture
 from pointit.services.imu_bridge.ble.radio import Advertisement
 from pointit.services.imu_bridge.sources import Item
 
 if TYPE_CHECKING:
     from bleak import BleakClient
 
-Gesture = Literal["press", "double", "hold"]
 HOLD_S = 0.8
 """Minimum duration of a hold, s."""
 DOUBLE_S = 0.32

@@ -6,13 +6,11 @@ All numbers are big-endian. A tracker's datagram is `u32 kind | u64 number | pay
 
 import struct
 from dataclasses import dataclass
-from typing import Literal
 
 from pointit.geometry.rotation import Quaternion
+from pointit.schemas.person import Gesture
 from pointit.services.imu_bridge.sources import Battery, Signal
 from pointit.services.imu_bridge.streams import ContentError, unit_rotation
-
-Gesture = Literal["press", "double", "hold"]
 
 PORT = 6969
 LONGEST_DATAGRAM = 1500

@@ -12,9 +12,10 @@ Comments (`#`) and Adafruit's lines `Orientation:` and `Calibration:` are passed
 import json
 import re
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import cast
 
 from pointit.geometry.rotation import Quaternion
+from pointit.schemas.person import Gesture
 from pointit.services.imu_bridge.streams import (
     ContentError,
     Order,
@@ -23,8 +24,6 @@ from pointit.services.imu_bridge.streams import (
     quaternion_in,
     unit_rotation,
 )
-
-Gesture = Literal["press", "double", "hold"]
 
 LONGEST_LINE = 256
 """Longest line of a serial port, bytes; longer ones are discarded on arrival."""

@@ -5,13 +5,13 @@ from typing import Literal
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
+from pointit.schemas.person import Gesture
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
 
 S = 1_000_000_000
 
 Phase = Literal["idle", "sampling", "solved", "refused", "cancelled"]
-Gesture = Literal["press", "double", "hold"]
 
 
 def life_cycle(**fields: object) -> LifeCycle:

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from typing import Literal
 
 import pytest
 
@@ -11,6 +10,7 @@ from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, Turn
 from pointit.bridges.web.wrists.wrist_control import AssumedPose, WristControl, choose_pose, middle, places
 from pointit.geometry import rotation, vector
+from pointit.schemas.person import RayModel
 from pointit.services.pointing.pointer import ArmRay
 from tests.support import there
 
@@ -52,9 +52,7 @@ def test_held_arm_sends_a_sample_at_every_step(wrists: WristControl) -> None:
 
 
 @pytest.mark.parametrize("ray_model", ["eye_finger", "shoulder_arm", "forearm"])
-def test_arm_meets_the_mouse_as_seen_from_the_pose(
-    wrists: WristControl, ray_model: Literal["eye_finger", "shoulder_arm", "forearm"]
-) -> None:
+def test_arm_meets_the_mouse_as_seen_from_the_pose(wrists: WristControl, ray_model: RayModel) -> None:
     body = models.BodyMeasures(
         footprint_to_neck_m=1.1,
         neck_to_eyes_m=0.15,

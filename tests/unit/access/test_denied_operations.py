@@ -110,6 +110,7 @@ def test_operation_that_is_allowed_and_dropped_is_too_long() -> None:
     assert sentences(known, let_in, thinned, dropped) == []
     assert sentences(known, let_in, elsewhere) == []
     assert sentences(dropped) == []
+
     self_test = known.replace("users/anna/imu", "users/anna/imu/@may/anna/writes")
     assert sentences(self_test, dropped) == [], "its reader has left"
     goes_out = (

@@ -155,6 +155,7 @@ def test_identity_below_the_limit_stays_when_its_link_stalls(
             loads.append(load_of(waiting, kind))
             waiting = 0.0
             stall_left_s = next(stalls, 0.0)
+
     assert cut_off_s(loads) == math.inf
 
 
@@ -276,6 +277,7 @@ def test_attack_is_reported_once_with_its_size_at_its_end() -> None:
         identity_load.step(2.0 + number * STEP_S, Load(messages=1000.0, connections=1))
     identity_load.step(5.0, Load(messages=500.0))
     assert identity_load.pop_ended_attack(5.0 + HOLD_S) is None
+
     for second in range(40, 60):
         identity_load.step(float(second), Load(messages=1400.0))
     attack = identity_load.pop_ended_attack(5.0 + HOLD_S + QUIET_S)

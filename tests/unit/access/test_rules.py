@@ -149,6 +149,7 @@ def test_nothing_is_granted_without_a_rule() -> None:
     control = made["access_control"]
     assert control["default_permission"] == "deny"
     assert {rule["permission"] for rule in control["rules"]} == {"allow"}
+
     ids = [rule["id"] for rule in control["rules"]]
     assert len(ids) == len(set(ids))
     for policy, member in zip(control["policies"], routed().members, strict=True):
@@ -203,6 +204,7 @@ def test_each_persons_key_except_imu_and_ray_has_a_rate() -> None:
     people, _history = configuration([routed()])["downsampling"]
     assert (people["messages"], people["flows"]) == (["put"], ["ingress"])
     assert "link_protocols" not in people
+
     rates_hz = {rule["key_expr"]: rule["freq"] for rule in people["rules"]}
     assert set(rates_hz) == {
         f"pointit/lab/{key}"

@@ -58,10 +58,12 @@ def test_secrets_are_the_owners_alone_however_files_are_made(tmp_path: Path, *, 
         os.umask(before)
     files = [file for file in site.path.rglob("*") if file.is_file()]
     named = {file for file in files if file.name in ("key.pem", "router.json5", "users.txt", "password")}
+
     assert {file.stat().st_mode & 0o777 for file in named} == {0o600}
     assert all(file.stat().st_mode & 0o077 == 0 for file in site.path.rglob("*") if file.is_dir())
     own = {"password"} if password else {"cert.pem", "key.pem"}
     assert {file.name for file in site.identity_folder("anna").iterdir()} == {"ca.pem", "link.json", *own}
+
     secrets = [b"PRIVATE", *(file.read_bytes() for file in files if file.name == "password")]
     held = {file.name for file in files if any(secret in file.read_bytes() for secret in secrets)}
     assert held == ({"key.pem", "password", "users.txt"} if password else {"key.pem"})
@@ -93,15 +95,18 @@ def test_renewed_and_readded_identities_have_new_generations(tmp_path: Path) -> 
     assert known() == ["lab/anna/1"]
     site.renew(["anna"], NOW)
     assert known() == ["lab/anna/2"]
+
     site.revoke("anna")
     assert known() == []
     assert site.router_site().former == ["lab/anna/1", "lab/anna/2"]
     assert '"lab/anna/write"' not in (site.path / "router" / "router.json5").read_text()
+
     site.renew(["anna"], NOW)
     assert known() == ["lab/anna/3"]
     site.remove("anna")
     assert known() == []
     assert not site.identity_folder("anna").exists()
+
     site.add({"anna": "user"}, NOW)
     assert known() == ["lab/anna/4"]
     assert certificate(site.identity_folder("anna") / "cert.pem").subject.rfc4514_string() == "CN=lab/anna/4"

@@ -68,10 +68,12 @@ def test_agv_has_left_when_off_on_another_map_or_silent() -> None:
         assert places(fleet) == {"acme-7": (1.0, 2.0)}
         fleet.on_message(topic(kind), payload, START_NS)
         assert places(fleet) == {}
+
     fleet = fleet_of()
     fleet.on_message(topic("visualization"), at(1.0, 2.0), START_NS)
     assert places(fleet, START_NS + 34 * NS_PER_S)
     assert not places(fleet, START_NS + 36 * NS_PER_S)
+
     fleet.on_message(topic("visualization"), at(1.0, 2.0), START_NS)
     fleet.forget()
     assert places(fleet) == {}

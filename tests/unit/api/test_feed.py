@@ -138,6 +138,7 @@ async def test_unreadable_messages_end_a_loop_over_one_writer_only(
     traffic.invalid = strays
     taking = asyncio.create_task(anext(messages))
     await asyncio.sleep(0.1)
+
     assert not taking.done()
     traffic.invalid += 1
     sentence = f"{traffic.invalid} messages came and none could be read"
@@ -145,6 +146,7 @@ async def test_unreadable_messages_end_a_loop_over_one_writer_only(
         with pytest.raises(VersionError, match=sentence):
             await taking
         return
+
     await until(lambda: sentence in caplog.text, what="a warning")
     put_cursor(bus, "anna", 1)
     put_event(bus, "1")
@@ -215,9 +217,11 @@ def test_durations_follow_site_time_but_time_limits_do_not() -> None:
             await site.sleep(8.0)
             ends_s = [loop.time()]
             assert [cursor async for cursor in site.cursors().during(8.0)] == []
+
             ends_s.append(loop.time())
             with pytest.raises(NoAnswerError):
                 await site.call(SET_SPEED, SetSpeed(speed_mps=0.1), timeout_s=7.0)
+
             ends_s.append(loop.time())
             with pytest.raises(NoAnswerError):
                 await site.conveyor.set_speed(0.1, belts=["a list"])

@@ -23,6 +23,7 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
         _ = site.latest.pose["anna"]
     assert str(raised.value).startswith("nothing has come on users/anna/pose yet")
     assert (await site.latest.pose.wait("anna")).stamp_ns == 1
+
     poses.put(UserPose(stamp_ns=2, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
     await until(lambda: site.latest.pose["anna"].stamp_ns == 2, what="the newer pose")
     assert dict(site.latest.pose).keys() == {"anna"}
@@ -31,6 +32,7 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
         await site.latest.pose.wait("ben", timeout_s=0.01)
     with pytest.raises(NoMessageError, match="nothing has come on selection yet"):
         _ = site.latest.selection.value
+
     bus.publisher(SELECTION).put(Selection(stamp_ns=1))
     assert (await site.latest.selection.wait()).stamp_ns == 1 == site.latest.selection.value.stamp_ns
 
@@ -51,6 +53,7 @@ async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None
     bus.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
     poses = site.latest.pose
     assert (await poses.wait("anna")).stamp_ns == 1
+
     pending = [asyncio.create_task(wait) for wait in (site.sleep(3600.0), site.wait())]
     await asyncio.sleep(0)
     site.fail(ValueError("broken"))

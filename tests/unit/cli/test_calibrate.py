@@ -157,6 +157,7 @@ def test_a_pose_in_peoples_units() -> None:
         "method        found by pointing at lamps",
         "published     2.0 s ago",
     ]
+
     low = known.model_copy(update={"elevation_bias_rad": math.radians(-3.2)})
     assert pose_text.lines(pose_text.fields(low, 12 * S))[2] == "rays too low  by 3.2°"
     for count, row in ((1, "elevation bias of 1 localization"), (3, "elevation bias of 3 localizations")):
@@ -173,6 +174,7 @@ def test_a_pose_in_peoples_units() -> None:
         assert pose_text.lines(fields)[2:4] == ["rays too high by 3.0°", f"remembered    {row}"]
     unknown = known.model_copy(update={"yaw_rate_radps": 0.0, "yaw_rate_sigma_radps": math.radians(0.25)})
     assert "drift         not known yet" in pose_text.lines(pose_text.fields(unknown, 12 * S))
+
     given = pose_text.lines(pose_text.fields(pose(), 400 * S))
     assert given[0] == "position      x 1.00 m, y -2.00 m, z 0.00 m"
     assert given[2:] == [
@@ -215,6 +217,7 @@ def test_an_anchor_in_one_sentence() -> None:
         "led_1: the direction was 4.0° too far left and is corrected; "
         "the pose is known to 0.10 m and 1.0° now."
     )
+
     slow = {"yaw_rate_radps": math.radians(0.1), "yaw_rate_sigma_radps": math.radians(0.2)}
     assert "drift" not in sentence(found, None, after.model_copy(update=slow))  # it may be none
     vague = pose(covariance=(0.09, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, math.radians(1.0) ** 2))
@@ -222,11 +225,13 @@ def test_an_anchor_in_one_sentence() -> None:
         "known to 0.30 m and 1.0° now, before to 0.10 m and 1.0°; the position is less certain than before, "
         "the direction did not fit it: localize again if the person has moved."
     )
+
     noted = found.model_copy(update={"reason": "three anchors in a row agreed"})
     assert "less certain than before, three anchors in a row agreed: localize" in sentence(
         noted, after, vague
     )
     assert sentence(found, pose(), after).endswith("; before, it counted as exact, as it was given.")
+
     refused = found.model_copy(update={"accepted": False, "reason": "it is 40° off"})
     assert sentence(refused, after, after).endswith("not accepted, the pose is as before: it is 40° off")
 

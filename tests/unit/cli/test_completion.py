@@ -152,6 +152,7 @@ def test_bash_completes_with_the_installed_line(home: Path, monkeypatch: pytest.
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m pointit "$@"\n')
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
+
     script = "source ~/.bashrc; COMP_WORDS=('pointit' topic e) COMP_CWORD=2; _pointit_completion 'pointit'"
     done = subprocess.run(
         ["/bin/bash", "-c", f"{script}; echo ${{COMPREPLY[@]}}"],

@@ -93,6 +93,7 @@ def test_every_parameter_has_an_argument_of_its_name(path: tuple[str, ...]) -> N
         for name, each in accepted.items()
         if each.default is each.empty and each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
     }
+
     assert required - names <= CONTEXT, path
     if not any(each.kind is each.VAR_KEYWORD for each in accepted.values()):
         assert names <= set(accepted), path

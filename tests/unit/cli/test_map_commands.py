@@ -83,6 +83,7 @@ def test_check_names_all_mistakes_of_an_unreadable_map(room: Path) -> None:
     )
     result = invoke("check", str(room))
     assert result.exit_code == 1
+
     name, *others = result.output.splitlines()
     assert name.startswith("error lamps: ")
     assert "b/c" in name

@@ -112,6 +112,7 @@ def test_a_path_is_taken_where_the_file_is_here_too(graph: Graph, tmp_path: Path
     assert result.exit_code == 0
     assert set(yaml.safe_load(result.stdout)) == {"lamps", "strips", "belts", "bays"}
     assert f"parameter map of /pui is the path {path}, of a file that is here too" in result.stderr
+
     (tmp_path / "secret.txt").write_text(ROOM, encoding="utf-8")
     endless = "/proc/kmsg"  # a file, as far as the system says; only root would wait for its next line
     for there in (
@@ -186,10 +187,12 @@ def test_fetched_map_with_an_error_is_reported_and_not_written(graph: Graph, tmp
         f"{path}: not written because of errors; correct the parameters of /pui",
     ]
     assert not path.exists()
+
     graph.has({"strips.1.line": [0.0, 0.0, 1.0, 2.0, 0.0, 1.0]})
     assert fetch().stderr.splitlines()[0] == "error strips.1.pixels: is missing; add it beside line"
     graph.has({"lamps.a b.position": [0.0, 0.0, 1.0]})
     assert "error lamps: name 'a b': use 1 to 64 letters" in fetch().stderr
+
     graph.has({"lamps.a.position": [0.0, float("1e300"), 1.0]})
     assert "lamps.a.position: a point is three numbers [x, y, z] in metres" in fetch().stderr
     graph.has({"map.lamps.a.position": [0.0, 0.0, 1.0], "map.colour": "red"})

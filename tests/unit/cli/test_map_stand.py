@@ -72,6 +72,7 @@ async def test_two_ends_from_one_place_give_origin_and_heading(file: Path, floor
 
         session = PointingSession(bench.bus, "anna", obey)
         text, code = await stand_at(file, content, ends, floor_m)(session)
+
     assert code == 0
     there = file.with_name("placed.yaml")
     there.write_text(text)
@@ -84,6 +85,7 @@ async def test_two_ends_from_one_place_give_origin_and_heading(file: Path, floor
         assert math.dist(new.line_m[0], door) == pytest.approx(
             math.dist(old.line_m[0], before.lamps[0].position_m), abs=2e-3
         )
+
     turned = after.boxes[0].yaw_rad - before.boxes[0].yaw_rad
     assert rotate_z((0.0, -1.0, 0.0), turned) == pytest.approx(after.planes[0].normal, abs=2e-3)
     assert text.count("(1 sigma)") == 3

@@ -222,6 +222,7 @@ def test_the_account_is_that_of_all_periods(periods_s: list[float]) -> None:
         meter.add(now_s, 30)
     rate = meter.take(now_s, 2.0)
     messages = len(periods_s) + 1
+
     assert (rate.key, rate.nominal_hz, rate.messages) == ("objects", 25, messages)
     assert rate.bytes_per_s == pytest.approx(messages * 30 / 2.0)
     assert rate.period_min_s == pytest.approx(min(periods_s))
@@ -295,6 +296,7 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
         meters.add_pose(name, pose)
     tracking = meters.take(3.0, 3.0)
     anna, ben, cleo = tracking.truth
+
     assert [row.person for row in tracking.truth] == ["anna", "ben", "cleo"]
     assert (anna.position_error_m, ben.position_error_m) == pytest.approx((0.5, 0.5))
     assert (anna.yaw_error_deg, anna.true_yaw_deg) == pytest.approx((3.0, 178.0))
@@ -302,6 +304,7 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
     assert (cleo.position_error_m, cleo.yaw_error_deg) == (None, None)
     assert show(tracking, 3.0, as_json=False)
     assert "localized pose less the true one" in capsys.readouterr().out
+
     show(tracking, 3.0, as_json=True)
     assert [row["person"] for row in json.loads(capsys.readouterr().out)["truth"]] == ["anna", "ben", "cleo"]
     assert meters.take(6.0, 3.0).truth == (), "the tracker is silent: nothing is known to be true"
@@ -329,6 +332,7 @@ async def test_rates_of_objects_or_poses_come_with_pose_errors(
     for row in truth:  # also of people whose poses were not asked for
         assert (row.position_error_m, row.yaw_error_deg) == pytest.approx((0.3, math.degrees(0.1)))
     assert counter.pose_errors.take() == (), "nothing came since: nothing is known to be true"
+
     show_rates(rates, 1.0, 0, truth, as_json=False)
     assert "localized pose less the true one" in capsys.readouterr().out
     show_rates(rates, 1.0, 0, truth, as_json=True)
@@ -349,6 +353,7 @@ def test_bodies_of_motion_capture_are_listed_beside_the_configured_ones(
     for text in (parameters, "not JSON"):
         configuration = Configuration(stamp_ns=BEGIN_NS, service="mocap", instance="mocap", parameters=text)
         meters.add_configuration(configuration, "mocap")
+
     meters.add_health(health, "mocap")
     assert show(meters.take(3.0, 3.0), 3.0, as_json=False)
     lines = capsys.readouterr().out.splitlines()

@@ -53,15 +53,18 @@ async def test_browser_gets_a_file_instead_of_the_token(
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()
     there = bus.announce(SERVICE_ALIVE, "web")
+
     await until(lambda: bool(opened), what="the browser")
     there.close()
     bus.announce(SERVICE_ALIVE, "web")
     seen: list[str] = []
     bus.watch(SERVICE_ALIVE, lambda name, **_: seen.append(name))
     await until(lambda: "web" in seen, what="the page again")
+
     (uri,) = opened
     folder = leads_to(uri, LINK)
     assert (folder == tmp_path) == has_snaps  # a browser from a snap reads no hidden folder
+
     opening.close()
     assert not is_littered(tmp_path)
 

@@ -207,27 +207,32 @@ async def test_refusals_stay_until_the_next_attempt(bus: MemoryBus) -> None:
     cues = bus.publisher(topics.FEEDBACK, "anna")
     interactions = bus.publisher(topics.INTERACTION, "anna")
     bus.publisher(topics.POSE, "anna").put(pose())
+
     localizations.put(news("refused", reason=REASON))
     await until(lambda: monitor.refusal("anna") == REASON and "anna" in monitor.poses)
     localizations.put(news("idle"))
     await until(lambda: monitor.localizations["anna"].phase == "idle")
     assert monitor.refusal("anna") == REASON
+
     localizations.put(news("sampling", target_id="led_1"))
     await until(lambda: not monitor.refusal("anna"))
     # what the supervisor refuses comes as a cue with the interaction
     interactions.put(Interaction(stamp_ns=1, state="idle", reason="There is no map."))
     cues.put(Feedback(stamp_ns=1, cue="refused", text="There is no map."))
     await until(lambda: monitor.refusal("anna") == "There is no map.")
+
     cues.put(Feedback(stamp_ns=2, cue="started", text="Point."))  # after an anchor's refusal it goes on
     interactions.put(Interaction(stamp_ns=2, state="idle", reason="There is no map.", next_step="Press."))
     await until(lambda: monitor.interactions["anna"].next_step == "Press.")
     assert monitor.refusal("anna") == "There is no map."
+
     interactions.put(Interaction(stamp_ns=3, state="localizing"))
     await until(lambda: not monitor.refusal("anna"))
     # what the selector refuses is news, not a person's state
     cues.put(Feedback(stamp_ns=3, cue="refused", text="it is ben's"))
     await until(lambda: "anna" in monitor.cues)
     assert not monitor.refusal("anna")
+
     localizations.put(news("refused", reason=REASON))
     await until(lambda: monitor.refusal("anna") == REASON)
     token.close()
@@ -380,10 +385,12 @@ async def test_a_robot_is_shown_as_long_as_its_service_runs() -> None:
     presence = other.announce(topics.SERVICE_ALIVE, "robot.quad")
     for name in ("quad", "cart"):
         other.publisher(topics.ROBOT_STATE, name).put(robot(user="anna"))
+
     await until(lambda: set(robots.states) == {"quad", "cart"})
     presence.close()
     await until(lambda: set(robots.states) == {"cart"})
     assert sorted(monitor.events) == ["cart: anna steers it", "quad: anna steers it"]
+
     monitor.detach()
     await bus.close()
     await other.close()

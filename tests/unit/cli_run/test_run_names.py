@@ -49,6 +49,7 @@ async def test_names_that_were_heard_are_counted_with_steps_and_presses() -> Non
             bench.put(topics.STEP, Step(stamp_ns=0, by=1), user)
         for event in (selected("anna", "button"), selected("ben", "dwell"), selected("ben", "", "refused")):
             bench.put(topics.SELECTION_EVENTS, event)
+
         await until(lambda: watcher.summary()["names"]["confirmed"] == 1)
         await until(lambda: watcher.summary()["names"]["stepped"] == 3)
         lines = [announcement_lines(watcher.summary())[0]]

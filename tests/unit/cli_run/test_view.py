@@ -233,12 +233,14 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch, bus: MemoryBu
     )
     bus.publisher(topics.HOVER, "anna").put(Hover(stamp_ns=1, object_id="x-1", progress=1.0))
     bus.publisher(topics.HEALTH, "pui").put(health("pui"))
+
     bus.publisher(topics.HEALTH, "pointing.anna").put(health("pointing.anna", "ill", user="anna"))
     await until(lambda: monitor.cursor_count == 1 and len(monitor.health) == 2)
     bus.publisher(topics.STRIPS_FRAME).put(StripsFrame(stamp_ns=stamp_ns, strips=()))
     interactions = bus.publisher(topics.INTERACTION, "anna")
     interactions.put(Interaction(stamp_ns=1, state="idle", reason="Silent."))
     await until(lambda: monitor.frame_count == 1 and "anna" in monitor.interactions)
+
     interactions.put(Interaction(stamp_ns=2, state="idle", reason="Silent."))  # the same again is no event
     await until(lambda: monitor.interactions["anna"].stamp_ns == 2)
     interactions.put(Interaction(stamp_ns=3, state="pointing", reason="Asked."))
@@ -254,17 +256,21 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch, bus: MemoryBu
     }
     assert monitor.first_cursor_unix_s is not None
     assert monitor.latency.count == 1
+
     text = "\n".join(shown(monitor, 200))
     for what in ("wrist to light p50", "cursor 100 Hz", "selected 1, missed 0, wrong 0", "● led_0", "▲"):
         assert what in text
     assert "frame 7 Hz" not in text  # that is what somebody read
     assert "look at: pointing.anna (pointit doctor)" in text
+
     service.close()
     token.close()  # anna leaves, and what she did last with her
     await until(lambda: "anna" not in monitor.cursors)
+
     text = "\n".join(shown(monitor, 200))
     assert "▲" not in text
     assert "look at" not in text
+
     now_s = time.monotonic()
     monkeypatch.setattr(time, "monotonic", lambda: now_s + SILENT_S + 1)
     assert "look at: pui" in "\n".join(shown(monitor, 200))
@@ -437,6 +443,7 @@ async def test_second_localization_replaces_the_found_pose() -> None:
         pose(99.0, 3.0, 0.8),
     )
     assert monitor.found["anna"] == pose(69.9, 3.0, 0.1)
+
     monitor = await after(
         *(pose(9.9, 1.0, 0.2), solved(10.0), Localization(stamp_ns=61 * S, phase="sampling")),
         *(pose(62.0, 1.0, 0.95), solved(70.0), pose(69.9, 3.0, 0.1), pose(99.0, 3.0, 0.8)),

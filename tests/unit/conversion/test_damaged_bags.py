@@ -203,10 +203,12 @@ def test_bag_parts_are_read_in_order_and_missing_ones_named(tmp_path: Path) -> N
     }
     (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {metadata}")
     found = imported(folder)[IMU_KEY]
+
     assert [each.stamp_ns for each in found] == [at(number / 50 - 0.01) for number in range(COUNT)]
     (tmp_path / "session.mcap").unlink()
     (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {metadata | {'message_count': 301}}")
     assert "has 300 messages, and 301 by its metadata.yaml" in refused(folder)
+
     (folder / names[1]).unlink()
     assert refused(folder) == f"{folder}: take_2.db3 is missing: copy it there, or give another file alone"
     assert len(imported(folder / names[0])[IMU_KEY]) == 100
@@ -229,6 +231,7 @@ def test_unclosed_database_is_refused_and_read_after_its_repair(
     (crashed / "take.db3-shm").unlink()
     file = crashed / "take.db3"
     files = {each.name: each.read_bytes() for each in crashed.iterdir()}
+
     assert f"`sqlite3 {file} 'PRAGMA integrity_check'` moves them into the file" in refused(file)
     assert {each.name: each.read_bytes() for each in crashed.iterdir()} == files, "the bag is not changed"
     repaired = sqlite3.connect(file)

@@ -297,6 +297,7 @@ def test_an_act_has_its_outcome_kind_distance_and_surface() -> None:
         found.on_cursor("anna", cursor)
         found.on_hover("anna", Hover(stamp_ns=at(1.0 + tick / 10), object_id="a", miss_rad=0.3 - tick / 10))
     found.on_event(happened(1.25, "selected", "a", cause="dwell", confidence=0.9))
+
     act = only_act(found)
     assert (act.object_kind, act.surface, act.surface_id) == ("red", "belt", "b1")
     assert (act.outcome, act.outcome_after_s, act.cause, act.confidence) == ("selected", 0.25, "dwell", 0.9)

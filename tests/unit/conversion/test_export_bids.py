@@ -66,10 +66,12 @@ def test_channels_have_types_units_and_frames_of_the_standard(tmp_path: Path) ->
     assert header[:5] == ["name", "component", "type", "tracked_point", "units"]
     assert latency[:5] == ["latency", "n/a", "LATENCY", "n/a", "s"]
     assert first == ["arm_ORNT_quat_x", "quat_x", "ORNT", "arm", "n/a", "forearm", "person"]
+
     levels = json.loads(channels.with_suffix(".json").read_text(encoding="utf-8"))["reference_frame"][
         "Levels"
     ]
     assert set(levels) == {"person", "arm"}
+
     (sidecar,) = tmp_path.rglob("*tracksys-imu_motion.json")
     content = json.loads(sidecar.read_text(encoding="utf-8"))
     assert (content["SamplingFrequency"], content["SamplingFrequencyEffective"]) == (50.0, 50.0)
@@ -237,6 +239,7 @@ def test_recordings_of_other_modalities_and_their_scans_stay(tmp_path: Path) -> 
     (scans,) = tmp_path.glob("sub-anna/*_scans.tsv")
     eeg = ["eeg/sub-anna_task-pointing_eeg.edf", "2026-01-01T10:00:00", "Bea"]
     scans.write_text("filename\tacq_time\toperator\n" + "\t".join(eeg) + "\n", encoding="utf-8")
+
     export_bids(session("anna"), tmp_path, overwrite=True)
     assert all(other.read_text(encoding="utf-8") == "EEG" for other in others)
     header, first, *new = table(scans)

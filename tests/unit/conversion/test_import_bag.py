@@ -151,10 +151,12 @@ def test_a_person_of_a_bag(tmp_path: Path, storage: StoragePlugin) -> None:
     ]
     assert [event.stamp_ns for event in found["users/user1/button"]] == [at(1.1), at(1.4)]
     assert all(isinstance(event, models.ButtonEvent) for event in found["users/user1/button"])
+
     (ray,) = found["users/user1/ray"]
     assert isinstance(ray, models.PointingRay)
     assert ray.origin_m == (0.0, 0.0, 1.6)
     assert ray.direction == pytest.approx((-1.0, 0.0, 0.0))
+
     measured, told = found["users/user1/pose"]
     assert isinstance(told, models.UserPose)
     assert (measured.method, measured.position_m, measured.yaw_rad) == ("external", (1.0, 2.0, 0.0), 0.0)
@@ -178,11 +180,13 @@ def test_pose_is_imported_from_frames_that_it_names_only(tmp_path: Path) -> None
         value = pose(1.0 + count, (1.0, 2.0, 0.0))
         value.header.frame_id = name
         said.append((1.0 + count, topic, POSE, value))
+
     source = bag(tmp_path / "bag", said)
     assert {key: len(each) for key, each in imported(source).items()} == {
         "users/user1/pose": 3,
         "users/user1/ray": 2,
     }
+
     (tmp_path / "session.mcap").unlink()
     output = run(source).output
     assert "the pose of user1 is in the frame 'optitrack': transform it to 'world' first" in output
@@ -206,6 +210,7 @@ def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room:
         *("--map", str(room)),
     )
     assert found["map"][0].stamp_ns == at(1.0)
+
     first, second = found["objects/conveyor"]
     assert isinstance(first, models.TrackedObjects)
     (item,) = first.objects
@@ -213,11 +218,13 @@ def test_packages_and_pointers_get_their_places_by_the_map(tmp_path: Path, room:
     assert (item.position_m, item.surface_position_m) == ((1.0, 0.0, 1.0), 1.0)
     assert second.objects[0].surface_speed_mps == pytest.approx(1.0)
     assert (second.objects[1].surface, second.objects[1].position_m) == ("strip", (0.0, 3.0, 1.0))
+
     met, missed = found["users/user1/cursor"]
     assert isinstance(met, models.Cursor)
     assert (met.surface, met.point_m, missed.surface) == ("belt", (2.0, 0.0, 1.0), "none")
     assert [hover.object_id for hover in found["users/user1/hover"]] == ["7", ""]
     assert all(isinstance(hover, models.Hover) for hover in found["users/user1/hover"])
+
     events = found["selection/events"]
     assert all(isinstance(event, models.SelectionEvent) for event in events)
     assert [(event.event, event.object_id) for event in events] == [
@@ -243,6 +250,7 @@ def test_omitted_messages_are_reported_with_the_reason(tmp_path: Path) -> None:
     result = run(source)
     assert result.exit_code == 0, result.output
     assert "/user1/metawear_ros/rotation: 1 messages" in result.stdout
+
     notes = {
         line.split(": ")[1]: line.split(": 1 messages left out, ")[1] for line in result.stderr.splitlines()
     }

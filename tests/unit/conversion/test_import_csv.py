@@ -74,6 +74,7 @@ def test_points_on_the_floor_become_rays_from_the_eyes(tmp_path: Path) -> None:
         assert isinstance(robot, TrackedObjects)
         azimuth, elevation = stand.rays(np.array([robot.objects[0].position_m]))[0].tolist()
         assert vector.angle_between(ray.direction, vector.direction(azimuth, elevation)) < 1e-6
+
     assert {entry.key for entry in entries} >= {LOCALIZATION.at("anna"), CONFIGURATION.at("localizer.anna")}
     assert CONFIGURATION.at("pointing.anna") not in {entry.key for entry in entries}
 
@@ -104,20 +105,24 @@ def test_lost_markers_have_no_entries_and_their_gaps_are_printed(motion: Path, t
         writer = csv.DictWriter(file, rows[0], delimiter=";")
         writer.writeheader()
         writer.writerows(rows)
+
     result = CliRunner().invoke(
         command, ["import", str(path), "--to", str(tmp_path / "gaps.mcap"), "--lost", "-99"]
     )
     assert result.exit_code == 0
+
     times: dict[str, list[int]] = {}
     with Recording.open(tmp_path / "gaps.mcap") as recording:
         for entry in recording.entries():
             times.setdefault(entry.key, []).append(round((entry.time_ns - EPOCH_NS) * 30 / NS_PER_S))
             if isinstance(entry.body, TrackedObjects):
                 assert vector.norm(entry.body.objects[0].position_m) > 0.5
+
     every = set(range(91))
     assert set(times[OBJECTS.at("robot")]) == every - {*range(10, 20)}
     assert set(times[OBJECTS.at("mocap")]) == every - {*range(30, 35)}
     assert set(times[IMU.at("user1")]) == every - {*range(40, 43)}
+
     gaps = (("orientation ('qx' to 'qw')", 3, 0.13, 42), ("robot ('robot_x' to 'robot_z')", 10, 0.37, 12))
     assert result.stderr.splitlines() == [
         f"note: {body}: missing in {count} of 91 rows, 1 gap of up to {gap_s:.2f} s, "

@@ -53,6 +53,7 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
         await until(lambda: bool(states))
         assert (states[0].speed_mps, states[0].fed) == (0.5, 0)
         assert lists == []
+
         bench.put(topics.MAP, LAB)
         await until(lambda: bool(states) and states[-1].fed >= 3)
         for message in lists:
@@ -67,6 +68,7 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
             if a.objects and b.objects and a.objects[-1].id == b.objects[-1].id
         ]
         spans = [span for span in spans if span[0] < 10e9]  # a machine busy for longer makes it stand still
+
         assert spans
         for span_ns, moved_m in spans:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
@@ -100,6 +102,7 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         ):
             with pytest.raises(RefusedError, match="is pui running"):
                 await early
+
         bench.put(topics.MAP, LAB)
         await bench.settle()
         added = await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red", lane="1"))
@@ -109,6 +112,7 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
             await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red", lane="1"))
         with pytest.raises(RefusedError, match="there are 0, 1"):
             await bench.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red", lane="x"))
+
         clock.advance(0.5)
         await bench.bus.call(
             topics.SET_SPEED, SetSpeed(speed_mps=-1.0)
@@ -117,6 +121,7 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         assert lists[-1].objects[0].surface_position_m == pytest.approx(0.25)
         assert lists[-1].objects[0].surface_speed_mps == -1.0
         assert states[-1].speed_mps == -1.0
+
         done = await bench.bus.call(topics.RESET_CONVEYOR, ResetConveyor())
         await bench.settle()
         assert done.message.startswith("1 ")
@@ -135,9 +140,11 @@ async def test_selected_packages_go_to_their_bay_and_late_acts_fail() -> None:
         await one.go(2)
         names.append((await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id)
         await one.go(5)
+
         chosen = tuple(SelectedObject(id=name, user="anna", since_ns=1) for name in names)
         one.bench.put(topics.SELECTION, Selection(stamp_ns=1, objects=chosen))
         assert {each.id for each in things[-1].things} == {*names}
+
         for number, name in enumerate([*names, "gone"], start=1):
             act = SelectionEvent(
                 stamp_ns=one.bench.clock.now_ns() + number,
@@ -154,9 +161,11 @@ async def test_selected_packages_go_to_their_bay_and_late_acts_fail() -> None:
             (names[1], "done", ""),
         ]
         assert results[1].text == "it is past its last way to bay 1 and goes on to bay 3"
+
         one.bench.put(topics.SELECTION, Selection(stamp_ns=2, objects=chosen[1:]))
         await one.go(0.5)
         assert {tracked.id: tracked.bay for tracked in lists[-1].objects} == {names[0]: "3", names[1]: "1"}
+
         await one.go(9)
         done = [each for each in events if not each.carriers]
         assert [(e.event, e.object_id, e.bay) for e in done] == [
@@ -165,6 +174,7 @@ async def test_selected_packages_go_to_their_bay_and_late_acts_fail() -> None:
         ]
         assert [event.seq for event in done] == [1, 2]
         assert [(bay.bay, bay.selected) for bay in states[-1].bays] == [("1", 1), ("3", 0)]
+
         told = [(gone.object_id, gone.bay, gone.user, gone.stamp_ns) for gone in states[-1].departures]
         assert told == [(names[1], "1", "anna", done[1].stamp_ns)], "the other one was taken back in time"
         assert states[-1].refused == 1
@@ -223,17 +233,20 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         )
         bench.put(topics.MAP, LAB)
         await bench.settle()
+
         assert view.report().warnings == (
             (
                 "lanes: map 'lab' has no strip '7', there are 0, 1; use others, as by --set "
                 "'conveyor-sim.lanes=[0]', or the other surface by --set conveyor-sim.surface=belt"
             ),
         )
+
         more = Strip(id="7", line_m=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)), pixels=10)
         bench.put(topics.MAP, Environment(stamp_ns=2, name="lab", strips=(*LAB.strips, more)))
         await bench.settle()
         (warning,) = view.report().warnings
         assert warning.startswith("feeder.initial: 99 configured, ")
+
         row = process("conveyor-sim")
         assert row.load() is type(service)
         assert view.reads == {topic.key for topic in row.reads}

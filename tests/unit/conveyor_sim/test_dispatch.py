@@ -75,13 +75,16 @@ def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> No
     go(belts, 9.0)  # the second is at 3.5 m, past the way to bay 1
     events = go(belts, 40.0, {chosen: "anna", late: "anna"})
     gone = {event.object_id: event.stamp_ns for event in events if event.event == "dispatched"}
+
     assert gone.keys() == {chosen, late, other}
     departures = belts.state(belts.now_ns).departures
     assert [(d.object_id, d.bay, d.user) for d in departures] == [(chosen, "1", "anna"), (late, "3", "")]
     assert [d.stamp_ns for d in departures] == [gone[chosen], gone[late]]
+
     again = plant(FORK, feeder={"sequence": []})
     again.restore(belts.snapshot())
     assert again.state(0).departures == departures
+
     again.restore(belts.snapshot() | {"departures": [each.model_dump() for each in departures] * 26})
     assert len(again.state(0).departures) == 50  # no more are told, of however many
     again.reset()
@@ -140,15 +143,18 @@ def test_last_time_of_a_change_follows_from_the_present_speed() -> None:
     first = until_s(belts, name)
     assert first is not None
     assert 2.4 / 0.5 <= first <= 3.0 / 0.5  # the diverter is 3 m along, its zone begins before it
+
     pass_time(belts, 2.0)
     assert until_s(belts, name) == pytest.approx(first, abs=1e-6)  # a time, not what is left of it
     belts.set_speed(1.0)
     assert until_s(belts, name) == pytest.approx(2.0 + (first - 2.0) / 2.0, abs=1e-6)
+
     belts.set_speed(0.0)
     assert until_s(belts, name) is None
     belts.set_speed(0.5)
     pass_time(belts, 5.0)
     assert until_s(belts, name) == 0.0
+
     belts.set_speed(0.0)
     assert until_s(belts, name) == 0.0  # it stands behind the diverter
 

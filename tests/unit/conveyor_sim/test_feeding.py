@@ -199,19 +199,24 @@ def test_schedule_runs_its_steps_in_order_with_their_speeds(tmp_path: Path) -> N
     belts = plant(VR, schedule=written(tmp_path))
     assert (belts.state(0).step, belts.state(0).speed_mps) == ("-1", 0.5)
     assert fed(belts, 9.9) == []
+
     came = fed(belts, 29.9)
     assert (belts.state(0).step, belts.state(0).speed_mps) == ("0", 1.0)
     assert min(time_s for time_s, _, _, _ in came) >= 10.0
+
     counts = Counter(belt for _, belt, _, _ in came)
     assert 10 <= counts["a"] <= 20
     assert counts["b"] == 7
+
     sequence = [kind for _, belt, kind, _ in came if belt == "b"]
     assert sequence == ["blue", "blue", "red"] * 2 + ["blue"]
     belts.step(round(30.1 * S))
     assert (belts.state(0).step, belts.state(0).speed_mps) == ("7", 2.0)
+
     total = belts.fed
     belts.step(60 * S)
     assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("end", 2.0, total)
+
     belts.reset()
     assert (belts.state(0).step, belts.state(0).speed_mps, belts.fed) == ("-1", 0.5, 0)
 
@@ -284,13 +289,16 @@ def test_belts_of_any_room_run_empty_while_feeders_rest(
     for part in range(1, 6):
         left += len(belts.step((rest_ms + pause_ms * part // 5) * MS))
         check_apart(ROOMS[name], belts.tracked(0).objects)
+
     assert belts.fed == fed
     assert {tracked.id for tracked in belts.tracked(0).objects} <= there
     assert belts.size == len(there) - left
+
     after = plant(ROOMS[name], feeder=feeder)
     after.skip_time(belts.now_ns)
     after.restore(json.loads(json.dumps(belts.snapshot())))
     assert after.snapshot() == belts.snapshot()
+
     after.step(after.now_ns + 10 * S)
     assert (after.fed, after.state(0).feeding) == (fed, False)
     after.set_feeding(is_on=True)
@@ -315,14 +323,17 @@ async def test_feeders_rest_and_feed_again_by_request() -> None:
         await one.go(3)
         assert one.states[-1].fed == fed
         assert one.lists[-1].objects[0].surface_position_m == pytest.approx(was_m + 1.5)
+
         await one.bus.call(SET_SPEED, SetSpeed(speed_mps=1.0))
         added = await one.bus.call(ADD_PACKAGE, AddPackage(kind="red"))
         await until(lambda: added.object_id in one.ids)
+
         done = await one.bus.call(RESET_CONVEYOR, ResetConveyor())
         assert done.message == "2 objects taken off, the feeder still rests"
         await one.go(3)
         assert (one.states[-1].fed, one.states[-1].feeding) == (0, False)
         assert await one.switch(feeding=True) == "the feeders give packages"
+
         await one.go(3)
         assert (one.states[-1].fed, one.states[-1].feeding) == (4, True)
 
@@ -340,9 +351,11 @@ async def test_feeders_rest_on_after_a_restart_and_with_another_map() -> None:
         assert (second.states[-1].fed, second.states[-1].feeding) == (first.states[-1].fed, False)
         second.bench.put(MAP, CHAIN)
         await until(lambda: second.states[-1].fed == 0)
+
         await second.go(3)
         assert (second.states[-1].fed, second.states[-1].feeding) == (0, False)
         assert second.health[-1].warnings == (), "nobody misses the initial ones"
+
         await second.switch(feeding=True)
         await second.go(3)
         assert second.states[-1].fed > 2

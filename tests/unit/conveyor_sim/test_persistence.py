@@ -32,10 +32,12 @@ def test_one_that_was_restored_is_as_the_one_before(
     before.step(now_ns)
     after = plant(ROOMS[name], feeder=feeder)
     after.skip_time(now_ns)
+
     after.restore(json.loads(json.dumps(before.snapshot())))
     assert after.tracked(now_ns) == before.tracked(now_ns)
     assert after.state(now_ns) == before.state(now_ns)
     assert after.snapshot() == before.snapshot()
+
     ids = {tracked.id for tracked in before.tracked(0).objects}
     left = 0
     for _ in range(50):
@@ -57,6 +59,7 @@ def test_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     before, after = (plant(CHAIN, schedule=str(path)) for _ in range(2))
     before.step(8 * S)
     after.skip_time(8 * S)
+
     after.restore(json.loads(json.dumps(before.snapshot())))
     assert after.state(0).step == before.state(0).step == "2"
     before.step(30 * S)
@@ -64,6 +67,7 @@ def test_schedule_goes_on_where_it_was(tmp_path: Path) -> None:
     assert after.tracked(0) == before.tracked(0)
     assert after.state(0) == before.state(0)
     assert after.state(0).step == "end"
+
     again = plant(CHAIN, schedule=str(path))
     again.restore(after.snapshot())
     assert again.state(0).step == "end"

@@ -48,6 +48,7 @@ async def test_conveyor_continues_with_the_same_packages_after_a_clean_end() -> 
         await first.go(8.0, STEP_S)
         told = [event.seq for event in first.events]
     assert first.states[-1].left > 0
+
     clock.advance(30.0)
     async with shift(clock) as second:
         assert second.ids == first.ids
@@ -56,11 +57,13 @@ async def test_conveyor_continues_with_the_same_packages_after_a_clean_end() -> 
         assert second.states[-1].model_copy(update={"stamp_ns": 0, "seq": 0}) == first.states[-1].model_copy(
             update={"stamp_ns": 0, "seq": 0}
         )
+
         await second.go(20.0, STEP_S)
         gone = [event.object_id for event in (*first.events, *second.events)]
         assert len(gone) == len(set(gone)) == second.states[-1].left
         assert set(gone).isdisjoint(second.ids)
         assert second.states[-1].fed == len(gone) + len(second.ids)
+
         seqs = told + [event.seq for event in second.events]
         assert seqs == list(range(1, len(seqs) + 1))
 
@@ -184,6 +187,7 @@ async def test_killed_without_a_word_it_loses_and_doubles_nothing() -> None:
         assert set(told).isdisjoint(second.ids), "one that came out is there again"
         assert there - set(told) - set(again) <= set(second.ids), "one that was there is lost"
         assert second.states[-1].fed == second.states[-1].left + len(second.ids)
+
         await second.go(3.0, STEP_S)
         await asyncio.sleep(0)
         assert len(second.ids) == len(set(second.ids))

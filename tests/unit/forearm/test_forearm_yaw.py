@@ -220,6 +220,7 @@ def test_yaw_jump_ends_the_yaw_or_is_within_its_sigma(*, jump_deg: float, rate_h
             assert error_rad < 3.0 * known.sigma_rad, time_s
         if known is None and time_s > jump_s:
             sentences.add(estimator.problem("anna", time_ns))
+
     assert all("turned by" in each and "against each other: move the arm" in each for each in sentences)
     assert sentences or abs(jump_deg) < 6
     assert rests or estimator.known(time_ns) is not None, "known again by the new turns"

@@ -93,12 +93,15 @@ def test_every_kind_of_thing_is_drawn_where_it_is() -> None:
     }
     assert all(entity["frame_id"] == "world" for entity in shown.values())
     assert shown["belt b"]["timestamp"] == {"seconds": 1_700_000_000, "nanos": 123_456_789}
+
     (box,) = shown["box box"]["cubes"]
     assert xyz(box["size"]) == (1, 2, 3)
     assert box["pose"]["orientation"] == pytest.approx({"z": math.sqrt(0.5), "w": math.sqrt(0.5)})
+
     (name,) = shown["thing nuts"]["texts"]
     assert name["text"] == "the nuts"
     assert xyz(name["pose"]["position"]) == pytest.approx((3, 3, 1.29))
+
     corners = {xyz(point) for point in shown["plane wall"]["triangles"][0]["points"]}
     assert corners == {(-2, 3, 0), (2, 3, 0), (2, 3, 2), (-2, 3, 2)}
     (column,) = shown["cylinder c"]["cylinders"]
@@ -108,6 +111,7 @@ def test_every_kind_of_thing_is_drawn_where_it_is() -> None:
     assert len(shown["cloud scan"]["lines"][0]["points"]) == 24
     assert "7 points" in shown["cloud scan"]["texts"][0]["text"]
     assert xyz(shown["pole l"]["cylinders"][0]["pose"]["position"]) == (1, 2, 0.75)
+
     arrow = shown["belt b"]["arrows"][0]
     assert xyz(arrow["pose"]["position"]) == (1, 0, 1.01)
     assert arrow["shaft_length"] + arrow["head_length"] == pytest.approx(0.4)
@@ -262,6 +266,7 @@ def test_the_finger_is_on_the_line_from_the_eyes() -> None:
     arm = body["cylinders"][1]
     length_m = arm["size"]["z"]
     assert length_m == pytest.approx(BODY.shoulder_to_wrist_m + BODY.wrist_to_finger_m)
+
     middle = xyz(arm["pose"]["position"])
     half = rotation.rotate(turn_of(arm), (0.0, 0.0, length_m / 2.0))
     finger = vector.add(middle, half)
@@ -269,6 +274,7 @@ def test_the_finger_is_on_the_line_from_the_eyes() -> None:
     # a right shoulder, at a right angle to the arm, wherever the IMU's yaw began
     away = vector.subtract(shoulder, (1.0, 2.0, 1.43))
     along = vector.subtract(finger, shoulder)
+
     assert vector.rotate_z(away, math.pi / 2) == pytest.approx(
         vector.scale((along[0], along[1], 0.0), 0.2 / math.hypot(along[0], along[1]))
     )
@@ -296,6 +302,7 @@ def test_the_ray_ends_at_the_cursor() -> None:
     )
     seen = shown(DrawnPerson(profile=PROFILE, cursor=cursor))  # where they stand is not known
     assert set(seen) == {"ray anna", "cursor anna"}
+
     (arrow,) = seen["ray anna"]["arrows"]
     length_m = arrow["shaft_length"] + arrow["head_length"]
     tip = vector.add(xyz(arrow["pose"]["position"]), rotation.rotate(turn_of(arrow), (length_m, 0.0, 0.0)))

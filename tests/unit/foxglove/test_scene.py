@@ -75,9 +75,11 @@ def test_owner_of_a_package_is_its_outline_and_label() -> None:
     )
     (entity,) = shown(made, "objects").values()
     owner, hover = entity["lines"]
+
     assert owner["color"] == pytest.approx({"g": 1.0, "a": 1.0})
     assert owner["thickness"] > hover["thickness"]
     assert len(owner["points"]) == 24
+
     lengths = {round(length, 6) for length in edge_lengths(owner)}
     assert lengths == {0.42, 0.32, 0.26}
     assert entity["texts"][0]["text"] == "anna\nbert 25%"
@@ -136,10 +138,12 @@ def test_silent_rays_and_objects_are_removed() -> None:
         (objects(PACKAGE), "plant"), (cursor, "anna"), (models.Hover(stamp_ns=1, object_id="7"), "anna")
     )
     assert made.is_moving
+
     for part in PARTS:
         made.draw(part, 5)
     made.forget(0.9)
     assert not made.changed
+
     made.forget(1.1)
     assert made.changed == {"objects", "people"}
     assert not made.is_moving
@@ -192,6 +196,7 @@ def test_a_goal_is_an_arrow_that_the_robot_looks_along() -> None:
     )
     made = scene((models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"))
     made.draw("people", 4)
+
     made.take(goal, "anna", 1.0)
     assert made.changed >= {"people"}
     entity = shown(made, "people")["goal anna"]

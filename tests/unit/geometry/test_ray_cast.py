@@ -82,9 +82,11 @@ def test_ray_hit_is_on_its_target_with_its_true_misses(seed: int) -> None:
         assert hit.position_m == 0.0
         expected = points[hit.target - len(lines)]
     reach = vector.subtract(hit.point_m, o)
+
     assert math.dist(hit.point_m, expected) < 1e-9
     assert hit.range_m == pytest.approx(vector.norm(reach))
     assert hit.miss_rad == pytest.approx(vector.angle_between(d, reach), abs=1e-9)
+
     ahead = max(vector.dot(d, reach), 0.0)
     assert hit.miss_m == pytest.approx(math.dist(reach, vector.scale(d, ahead)), abs=1e-9)
 

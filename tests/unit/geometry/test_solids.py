@@ -97,6 +97,7 @@ def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str) -> None:
     direction = vector.normalized(near) if rng.random() < 0.7 else some_direction(rng)
     hit = there(SolidCaster([solid]).cast(origin, direction))
     least = misses(skin, origin, direction).min()
+
     assert hit.miss_rad <= least + 1e-7
     # and it is a point of the skin
     inwards = vector.scale(vector.subtract(solid.bounding_sphere[0], hit.point_m), 1e-5)
@@ -145,11 +146,13 @@ def test_intersection_is_on_the_surface_with_nothing_before(seed: int, form: str
     ahead = solid.intersect(origin, direction)
     if ahead is None:
         return
+
     assert ahead >= 0.0
     within = solid.contains(origin)
     steps = [ahead * i / 50 for i in range(1, 50)]
     inside = [solid.contains(vector.add(origin, vector.scale(direction, step))) for step in steps]
     assert all(inside) if within else not any(inside)
+
     if form != "plane":
         before = solid.contains(vector.add(origin, vector.scale(direction, ahead - 1e-6)))
         after = solid.contains(vector.add(origin, vector.scale(direction, ahead + 1e-6)))

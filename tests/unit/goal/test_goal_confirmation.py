@@ -251,6 +251,7 @@ def test_no_goal_is_unproposed_or_against_the_rules(confirm: str, all_doings: li
             assert math.dist(goal.position_m[:2], told.ben) >= 0.5
             assert 0 < goal.stamp_ns - goal.proposed_ns <= 8 * 10**9 + 200_000_000
             assert confirm == goal.confirmed_by
+
     assert all(a.stamp_ns < b.stamp_ns for a, b in itertools.pairwise(anna.goals))
     texts = [each.text for each in anna.outputs if isinstance(each, Feedback)]
     assert sum(text.startswith("send a robot there?") for text in texts) >= len(anna.goals)

@@ -127,10 +127,12 @@ async def test_many_deleted_and_unavailable_entities_are_named_and_counted(
             lambda: "light.lamp_9 of thing lamp_9 and 10 more; look into" in str(health[-1]),
             what="both figures",
         )
+
         home.set(LIGHTS[1], None)
         await until(
             lambda: f"{LIGHTS[1]} of thing lamp_1 (did you mean" in str(health[-1]), what="the deleted"
         )
+
         for entity in LIGHTS:
             home.set(entity, "on")
         await until(lambda: "in Home Assistant" not in str(health[-1]), what="all to be there again")
@@ -193,6 +195,7 @@ async def test_media_player_speaks_each_persons_names_in_turn(
             await announce(name)
         await announce("glue", "ben")
         await asyncio.sleep(3.0)
+
         assert spoken() == ["screws", "glue", "glue"], "the newest of each"
         await announce("nuts", "ben")
         await announce("nails", "anna")
@@ -201,14 +204,17 @@ async def test_media_player_speaks_each_persons_names_in_turn(
         await announce("police", "anna", "This is the police")
         await announce("screws", "ben", "This is the police")
         await asyncio.sleep(3.0)
+
         assert spoken()[3:] == ["nuts", "screws"], "no name that has ended, of nobody else, and no text"
         data = {"media_player_entity_id": "media_player.kitchen", "message": "screws", "language": "de"}
         assert home.calls[-1] == ("tts.speak", "tts.piper", data)
         await until(lambda: "'names spoken', value=5" in str(health[-1].figures), what="the count")
+
         home.refusal = "Piper is not running"
         await announce("nuts")
         sentence = "did not run tts.speak on tts.piper (Piper is not running): correct `speaker` or `voice`"
         await until(lambda: sentence in str(health[-1]), what="the reason")
+
         home.set("media_player.kitchen", "unavailable")
         await until(lambda: "media_player.kitchen that speaks;" in str(health[-1]), what="its name")
         home.set("tts.piper", "unavailable")
@@ -249,6 +255,7 @@ async def test_silent_home_assistant_is_reported_within_seconds(
             "connection",
             "http://127.0.0.1:1 accepts the token but then does not answer: restart Home Assistant",
         )
+
         answers.set()
         await asyncio.sleep(2.0)
         assert health[-1].problems == ()

@@ -74,6 +74,7 @@ def test_lamps_are_added_and_what_people_wrote_stays() -> None:
         (3, 0.5, 0.9),
         (1, 1, 1),
     )
+
     shelf = file.things["shelf"]
     assert (shelf.home_assistant, shelf.label, shelf.center) == (
         "light.shelf",

@@ -121,18 +121,22 @@ async def test_lost_connection_and_silence_are_warnings_of_their_own(bench: Benc
     puppet.give(Reconnected(), Disconnected("the wrist is out of reach"))
     await asyncio.sleep(10.0)
     assert said(health) == "the wrist is out of reach"
+
     puppet.give(Reconnected())
     await asyncio.sleep(2.0)
     assert said(health) == ""
+
     await asyncio.sleep(5.0)
     assert "is connected, but has sent nothing for" in said(health)
     puppet.health.warn("others", "another device sends, too")
     await asyncio.sleep(2.0)
     assert "is connected, but has sent nothing for" in said(health)
+
     puppet.health.warn("silent", "not one byte comes")
     await asyncio.sleep(2.0)
     assert "is connected, but has sent nothing for" not in said(health)
     assert "not one byte comes" in said(health)
+
     puppet.health.clear("others")
     puppet.health.clear("silent")
     puppet.give(Reading(bench.clock.now_ns(), LEVEL))
@@ -204,6 +208,7 @@ async def test_age_metric_is_of_the_oldest_reading_in_a_second(bench: Bench, pup
     puppet.give(Reading(bench.clock.now_ns(), LEVEL))
     await asyncio.sleep(2.0)
     assert figure(health, "age") is None
+
     waiting: list[int] = []
     for number in range(700):
         waiting.append(number)

@@ -195,6 +195,7 @@ def test_drift_of_the_heading_is_measured_at_the_next_rest() -> None:
         fusion.update(RawReading(reading.stamp_ns, turning, reading.acceleration_mps2, device_time_ns))
         if number % RATE_HZ == 0:
             report = dict(each[:2] for each in fusion.report(8.0 + number / RATE_HZ))
+
     assert report["resting"] == 1
     assert report["heading drift"] == 0
     assert fusion.measured_degps == pytest.approx(0.5, abs=0.15)

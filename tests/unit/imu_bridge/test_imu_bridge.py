@@ -201,6 +201,7 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             await send_until(device, line, lambda: bool(samples), what="a sample")
             before_ns = samples[-1].stamp_ns
             device.send(b"3000,1,0,0,0\nbutton\n\xff\xfe\nbutton hold\n")
+
             await until(lambda: len(presses) == 2)
             assert samples[-1].device_time_ns == 3_000_000
             assert samples[-1].orientation_xyzw == (0, 0, 0, 1)
@@ -269,10 +270,12 @@ async def test_yaw_epoch_rises_with_requests_that_turn_the_yaw() -> None:
         await until(lambda: bool(samples), what="a sample")
         assert samples[-1].yaw_epoch == 0
         assert math.isclose(vector.azimuth(finger(samples[-1])), math.radians(-30))
+
         reply = await bench.bus.call(SET_YAW_ORIGIN, SetYawOrigin(yaw_rad=0.5), "anna")
         assert "28.6" in reply.message
         await until(lambda: samples[-1].yaw_epoch == 1, what="a new origin")
         assert math.isclose(vector.azimuth(finger(samples[-1])), 0.5, abs_tol=1e-9)
+
         asking = SetMounting(sensor_from_arm_xyzw=rotation.IDENTITY, is_relative=True)
         await bench.bus.call(SET_MOUNTING, asking, "anna")
         turned = SetMounting(sensor_from_arm_xyzw=rotation.from_yaw(0.3))
@@ -377,6 +380,7 @@ async def test_device_presses_are_dropped_and_restarts_noticed_beside_a_page(tmp
                 assert {sample.yaw_epoch for sample in here.samples} == {0}
             async with repeated(0.01, lambda: device.send(b"2000,1,0,0,0\n")):
                 await until(lambda: not is_by_page(here.samples[-1]))
+
             assert here.presses == []
             assert here.samples[-1].yaw_epoch == 1
             device.send(b"button\n")
@@ -413,9 +417,11 @@ async def test_phone_mounting_is_measured_stored_reused_and_erased(source: str) 
         reply = await bus.call(SET_MOUNTING, relative, ANNA)
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert "as measured" in reply.message
+
         arm = rotation.multiply(AHEAD, expected)
         await some_more(here.samples, lambda sample: sample.orientation_xyzw == pytest.approx(arm))
         assert here.samples[-1].yaw_epoch == epoch + 1
+
         kept = file.read()
         assert kept is not None
         assert list(kept.by_source) == ["phone"]
@@ -426,6 +432,7 @@ async def test_phone_mounting_is_measured_stored_reused_and_erased(source: str) 
         reply = await here.bench.bus.call(SET_MOUNTING, SetMounting(), ANNA)
         assert reply.message == "the mounting is as configured (phone)"
         assert file.read() is None
+
         if source == "simulated":  # the device's own is another one
             await asyncio.sleep(WRIST_PATIENCE_S + 0.1)
             await here.bench.bus.call(SET_MOUNTING, own, ANNA)

@@ -96,22 +96,26 @@ async def test_measured_mounting_is_used_until_it_is_erased(own_state: Path) -> 
         bench.start(ImuBridge, STILL, user=ANNA)
         assert vector.angle_between(await finger_of(samples), arm) < 1e-6
         assert samples[-1].mounting == "simulated metamotion"
+
         error = from_roll_pitch_yaw(*map(math.radians, (30.0, -15.0, 60.0)))
         reply = await set_mounting(bench, ask(error, relative=True))
         expected = rotation.multiply(MOUNTINGS["metamotion"], error)
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert "as measured" in reply.message
+
         turned = await finger_of(samples)
         assert vector.angle_between(turned, arm) > 0.5
         measured = samples[-1].mounting
         assert measured == "simulated 0.215 -0.188 -0.215 0.934"
     path = own_state / "users" / ANNA / "mounting.json"
+
     assert path.is_file()
     async with memory_bench(WallClock()) as bench:
         samples = bench.collect(IMU, ANNA)
         bench.start(ImuBridge, STILL, user=ANNA)
         assert vector.angle_between(await finger_of(samples), turned) < 1e-6
         assert samples[-1].mounting == measured
+
         reply = await set_mounting(bench, ask(rotation.IDENTITY, relative=True))
         assert reply.sensor_from_arm_xyzw == pytest.approx(expected)
         assert (await set_mounting(bench, ask(None))).sensor_from_arm_xyzw == MOUNTINGS["metamotion"]
@@ -128,6 +132,7 @@ async def test_corrupt_file_is_a_warning_and_an_unstored_mounting_used(own_state
         bench.start(ImuBridge, STILL, user=ANNA)
         await until(lambda: bool(reports and reports[-1].warnings))
         assert "mounting.json: cannot be used" in reports[-1].warnings[0]
+
         await set_mounting(bench, ask(TURNED))  # in its place
         await until(lambda: not reports[-1].warnings)
         path.unlink()

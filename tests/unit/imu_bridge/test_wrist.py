@@ -365,15 +365,18 @@ def test_mouse_keeps_the_yaw_origin_and_phone_sessions_bring_theirs() -> None:
     hand = Hand()
     assert hand.epoch(0.0) == 0
     assert hand.epoch(5.0) == 0  # gave back, took again
+
     first = hand.epoch(10.0, "phone", 1)
     assert first != 0
     assert hand.epoch(10.1, "phone", 1) == first
     assert hand.epoch(20.0, "phone", 1) == first  # the same session is back
     assert hand.epoch(20.1, "arm") == first  # the pose may be of the phone's yaw by now
     assert hand.epoch(20.2, "phone", 1) == first
+
     second = hand.epoch(20.3, "phone", 2)
     assert second not in (0, first)
     assert hand.epoch(30.0, "arm", 7) == 0  # the own source continued meanwhile
+
     hand.home = None
     assert hand.epoch(40.0, "phone", 2) == second
     assert hand.epoch(50.0, "arm") == second  # nobody else has it, so the pose is the phone's still

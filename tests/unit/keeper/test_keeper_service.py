@@ -128,12 +128,14 @@ async def test_restarted_keeper_loses_nothing_and_a_new_run_starts_empty(room: R
     await room.write(UserProfile(stamp_ns=1, seq=3))
     await room.end()
     assert await room.read() == []
+
     await room.start()
     assert [profile.seq for profile in await room.read()] == [3]
     await room.end()
     room.clock.advance(QUICK.file.restore_within_s + 1)
     await room.start()
     assert await room.read() == [], "too long ago"
+
     await room.end()
     room.clock.advance(-QUICK.file.restore_within_s)
     Keeper.discard_saved_state("memory", room.clock.now_ns())

@@ -82,11 +82,13 @@ def test_choices_are_kept_in_scenarios_that_they_fit() -> None:
         "imu-bridge.yaw_origin_deg=3",
         "web.rate_hz=9",
     ]
+
     choices = Choices(settings=settings, method="hold", page=True)
     there = wish("scenario_3", choices)
     assert config_of(there, "selector")["window_s"] == 0.7
     assert config_of(there, "selector")["method"] == "hold"
     assert there.notes == ()
+
     lacking = wish("scenario_2", choices)
     assert config_of(lacking, "pui")["tolerance_deg"] == 7
     assert config_of(lacking, "imu-bridge.user1")["yaw_origin_deg"] == 3

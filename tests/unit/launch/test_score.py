@@ -377,6 +377,7 @@ def test_summary_has_person_and_distance_of_each_landing_and_goal() -> None:
         score.on_state("rover", state((end_m, 0.5, 0.0), "idle"))
     anna = "landed 2 times for anna, 0.10 and 0.05 m"
     ben = "landed once for ben, 0.20 m"
+
     assert score_lines(score.as_dict()) == [
         f"quad {anna} from the place; {ben} from the place.",
         "rover reached 2 of 2 goals of ben, 0.00 and 0.10 m from them.",

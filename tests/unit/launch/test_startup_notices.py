@@ -70,10 +70,12 @@ def test_notices_name_stored_offset_and_mounting_in_use() -> None:
     mountings = StateFile(StoredMountings, "anna", PURPOSE)
     mountings.write(StoredMountings(by_source={"serial": own}))
     since = "of 2026-11-20 11:05 is in use; `pointit person calibrate"
+
     assert [*stored_offset_notices(launches)] == [f"anna: an offset {since} user anna --erase` forgets it"]
     assert [*stored_mounting_notices(launches)] == [
         f"anna: a mounting {since} mounting anna --erase` forgets it"
     ]
+
     mountings.write(StoredMountings(by_source={"replay": own}))  # of another device
     assert list(stored_mounting_notices(launches)) == []
     mountings.path.write_text("{", encoding="utf-8")  # the service complains of it

@@ -100,12 +100,15 @@ def test_gaps_between_strips_stay_gaps_and_strips_elsewhere_stay_dark() -> None:
         beside(0.36, 0.0, 3.0, name="far"),
         beside(0.25, 3.1, 4.0, name="beyond"),
     )
+
     stage = Stage(*strips, belts=(STRAIGHT,))
     stage.put(item(1.25, 0.3, surface="belt", surface_id="belt"))
     assert not any(stage.lit(name) for name in "ab")
+
     stage.put(item(1.25, 0.98, surface="belt", surface_id="belt"))
     assert stage.lit("a") == list(range(23, 30))
     assert len(stage.lit("b")) == 7
+
     stage.put(item(3.0, 6.0, surface="belt", surface_id="belt"))
     assert len(stage.lit("a")) == 30
     assert not stage.lit("far")

@@ -91,6 +91,7 @@ async def test_objects_move_on_between_messages_and_show_their_state() -> None:
         frame = await next_frame(frames)
         assert pixels(frame, "a") == {5: (255, 255, 255), 6: (200, 0, 0), 7: (200, 0, 0), 8: (255, 255, 255)}
         assert frame.stamp_ns == clock.now_ns()
+
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=(9, 9, 9)), "anna")
         await next_frame(frames)
         bench.put(at.HOVER, Hover(stamp_ns=1, object_id="p1", progress=0.0), "anna")
@@ -182,20 +183,24 @@ async def test_lamp_colours_are_published_on_change_and_end_dark() -> None:
         near = cursor(clock, 0.5).model_copy(update={"lamps": (LampMiss(id="a", miss_rad=0.0),)})
         bench.put(at.CURSOR, near, "anna")
         await until(lambda: dict(told).get("a", DARK) != DARK)
+
         count = len(told)
         for _ in range(3):
             bench.put(at.CURSOR, near, "anna")
             await asyncio.sleep(0.06)
         assert len(told) == count  # nothing changed
+
         bench.put(at.LOCALIZATION, Localization(stamp_ns=1, phase="sampling", target_id="robot"), "ben")
         await until(lambda: dict(told)["a"] == (0, 0, 0), what="darkness")
         count = len(told)
         bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         await asyncio.sleep(0.06)
         assert len(told) == count
+
         bench.put(at.CURSOR, near, "anna")
         bench.put(at.LOCALIZATION, Localization(stamp_ns=1, phase="solved"), "ben")
         await until(lambda: "a" in {lamp for lamp, _ in told[count:]}, what="lamp a again")
+
     assert dict(told) == {"a": (0, 0, 0)}
 
 
@@ -246,6 +251,7 @@ async def test_numbers_nobody_can_calculate_with_blind_nobody(value: float) -> N
         )
         bench.put(at.OBJECTS, TrackedObjects(stamp_ns=clock.now_ns() - 1, objects=(nonsense,)), "x")
         bench.put(at.CURSOR, cursor(clock, value * FARTHEST), "eve")
+
         bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         await until(lambda: any(5 in pixels(frame, "a") for frame in frames), what="anna's cursor")
         point = Strip(id="a", line_m=((0.0, 0.0, 0.0), (5e-324, 0.0, 0.0)), pixels=5)

@@ -318,9 +318,11 @@ def test_lamps_end_with_their_newest_colours_within_the_rates(
             wanted[lamp_id] = color
         sent += drain(sender, now_s, now_s)
     sent += drain(sender, now_s, now_s + 100.0)
+
     assert {lamp_id: color for _, lamp_id, color in sent} == wanted
     times = [at_s for at_s, _, _ in sent]
     assert all(after - before >= 0.05 - 1e-9 for before, after in itertools.pairwise(times))
+
     for lamp_id in LAMPS:
         own = [at_s for at_s, lamp, _ in sent if lamp == lamp_id]
         assert all(after - before >= 0.2 - 1e-9 for before, after in itertools.pairwise(own))

@@ -156,16 +156,19 @@ def test_pixels_fill_universes_without_being_split(pixels: int, order: str, firs
     rgb = bytes(1 + k % 250 for k in range(3 * pixels))
     most = 170 if order == "RGB" else 128
     segment = Segment(strip="a", order=order)
+
     config = ArtnetConfig(host="x", universe=first, segments=(segment,))
     output = make_artnet(config, Surroundings.detached())
     output.pixel_map, problems = output.map_strips([strip])
     assert not problems
+
     frame = output.pixel_map.output_bytes(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=rgb),)))
     packets = [each.data for each in output.encode(frame, 1) if each.data != artnet.sync_packet()]
     universes = [int.from_bytes(packet[14:16], "little") for packet in packets]
     assert universes[0] == first
     assert all(after == before + 1 for before, after in pairwise(universes))
     assert all(len(packet) - 18 == most * len(order) for packet in packets[:-1])
+
     sent = b"".join(packet[18:] for packet in packets)[: pixels * len(order)]
     shown = [sent[k : k + len(order)] for k in range(0, len(sent), len(order))]
     assert [bytes(pixel[order.index(color)] for color in "RGB") for pixel in shown] == [

@@ -72,11 +72,13 @@ async def test_calibration_finds_the_pose_from_four_lamps_pointed_at() -> None:
         pressed.put_nowait(b"\n")
         at = there
     angles = await pointing
+
     await until(lambda: not any(e131_frames(bytes(device.received))[-1][4:]))  # dark in the end
     await device.unplug()
     device.close()
     found = yaml.safe_load("\n".join(report(config, fit_pose(angles, list(LAMPS.values())))))
     assert math.dist(found["position_m"], TRUTH.position_m) < 0.05
+
     values = SpotlightConfig.model_validate(found)
     assert values.mounting.beam(HOME) == pytest.approx(TRUTH.beam(HOME), abs=0.02)
 

@@ -198,11 +198,13 @@ async def test_lamps_and_cursors_reach_outputs_that_have_them(monkeypatch: pytes
         bench.put(MAP, ROOM)
         bench.put(PROFILE, UserProfile(stamp_ns=1, cursor_color=(1, 2, 3)), "anna")
         await until(lambda: lights.map == ROOM and lights.lamps == ROOM.lamps)
+
         await bench.bus.call(SET_LAMP, SetLamp(color=(9, 8, 7)), "one")
         await until(lambda: lights.colors[-1:] == [("one", (9, 8, 7))])
         cursor = Cursor(stamp_ns=clock.now_ns(), point_m=(1, 2, 0), solid="plane", surface_id="wall")
         bench.put(CURSOR, cursor, "anna")
         await until(lambda: lights.cursors == [("anna", cursor, (1, 2, 3))])
+
         clock.advance(FAST.cursor_timeout_s)
         await until(lambda: lights.cursors[1:] == [("anna", None, (1, 2, 3))])
 

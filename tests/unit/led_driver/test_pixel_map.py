@@ -149,6 +149,7 @@ def test_no_frame_ever_draws_more_than_the_limit(pixels: bytes, limit_a: float, 
     drawn_a = sum(sent) / 765 * 0.06
     assert drawn_a <= limit_a + 1e-9
     assert load.drawn_a == pytest.approx(drawn_a)
+
     free, unlimited = Power(OutputConfig(gamma=gamma)).send(pixels)
     assert load.wanted_a == pytest.approx(unlimited.drawn_a)
     if unlimited.drawn_a <= limit_a:

@@ -43,6 +43,7 @@ def test_cursor_lights_exactly_the_pixels_with_centres_under_it(
     got = np.zeros(pixels, dtype=bool)
     got[stage.lit(strip_id)] = True
     rounding = 1e-9
+
     if (distance < width_m / 2 - rounding).any() or width_m >= pitch_m:
         assert got[distance < width_m / 2 - rounding].all()
         assert not got[distance > width_m / 2 + rounding].any()

@@ -94,9 +94,11 @@ async def test_output_failure_is_reported_and_costs_other_outputs_nothing() -> N
         health = bench.collect(HEALTH, "led-driver")
         bench.put(CURSOR, cursor(clock, 0.5), "anna")
         await until(lambda: any(figure.name == "shown" for figure in health[-1].figures) if health else False)
+
         bench.put(CURSOR, cursor(clock, 1.0), "anna")  # the next frame reads the latency of the one before
         late = "LED output 'counting' of strangers-parts: light_s failed (ValueError: could not convert "
         await until(lambda: any(each.startswith(late) for each in health[-1].warnings))
+
         label = "LED output 'broken' of strangers-parts"
         said = [each for each in health[-1].warnings if each.startswith(label)]
         for problem in (

@@ -81,6 +81,7 @@ def test_lamp_shows_set_colour_then_growing_hover_then_owner() -> None:
     assert shining.lamps.colors(NOW_NS)["lamp"] == (0, 0, 65)  # ben is nearer to selecting it
     assert shining.things.on_hover("ben", hover(1.0, action="refuse"), NOW_NS) == "level"
     assert shining.lamps.colors(NOW_NS)["lamp"] == (60, 30, 0)
+
     chosen = selection(("radio", "ben"))
     pending = tuple(each.model_copy(update={"is_pending": True}) for each in chosen.objects)
     assert not shining.things.set_selection(chosen.model_copy(update={"objects": pending}))
@@ -160,6 +161,7 @@ async def test_driver_updates_a_lamp_with_its_things_hover_and_selection() -> No
         ):
             bench.put(at.HOVER, message, "anna")
             await until(functools.partial(is_last, color))
+
         bench.put(at.SELECTION, selection(("radio", "anna")))
         await until(lambda: told[-1] == ANNA)
         bench.put(at.PROFILE, UserProfile(stamp_ns=1, cursor_color=GREEN), "anna")

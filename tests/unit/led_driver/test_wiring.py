@@ -93,6 +93,7 @@ def test_number_of_pixels_reported_as_fitting_is_exact(
     else:
         even = [fitting // count + (k < fitting % count) for k in range(count)]
         more = [even[0] + 1, *even[1:]]
+
     if min(even) > 0:
         assert shown(even, wanted_rate_hz=rate_hz, baud=baud) == ""
         assert shown(more, wanted_rate_hz=rate_hz, baud=baud) != ""
@@ -116,12 +117,14 @@ def test_segments_put_parts_of_strips_on_channels() -> None:
         (2, "RGB", 1),
         (5, "GRBW", 4),
     ]
+
     frame = StripsFrame(
         stamp_ns=1,
         strips=(StripFrame(id="0", rgb=bytes(range(12))), StripFrame(id="1", rgb=bytes(range(20, 26)))),
     )
     first, second = wiring.channels
     parts = bytes((23, 24, 25)), bytes((9, 10, 11, 6, 7, 8, 0, 0, 0, 20, 21, 22))
+
     assert wiring.encode(wiring.pixel_map.output_bytes(frame)) == (
         expander.set_channel(first.number, first.order, parts[0])
         + expander.set_channel(second.number, second.order, parts[1])

@@ -108,6 +108,7 @@ async def test_listener_finds_things_objects_robots_and_people(
         x, y, z = thing("", -90.0).center_m
         here.bench.put(POSE, UserPose(stamp_ns=START_NS, position_m=(x, y, z - 1.2), yaw_rad=0.0), "ben")
         here.bench.bus.announce(USER_ALIVE, "ben")
+
         await here.points(azimuth)
         assert await here.ask() == [meant]
         assert await here.ask(None) == [meant], "now"
@@ -245,9 +246,11 @@ async def test_absent_person_is_no_referent_and_means_nothing() -> None:
         here.bench.put(POSE, UserPose(stamp_ns=START_NS, position_m=(x, y, z - 1.2), yaw_rad=0.0), "ben")
         await here.points()
         assert await here.ask() == [("person", "ben")]
+
         there.close()
         await here.bench.settle()
         assert await here.ask() != [("person", "ben")]
+
         here.clock.time_ns = at_ns(20.0)
         for time_s in (19.0, 19.5):  # they are out of the room, and have no ray
             here.bench.put(CURSOR, Cursor(stamp_ns=at_ns(time_s)), USER)
@@ -274,14 +277,17 @@ def test_memory_is_bounded_and_ignores_late_cursors() -> None:
         memory.add(cursor)
     kept = memory.between(0, 2**62)
     assert kept == [each for each in cursors if each.stamp_ns >= cursors[-1].stamp_ns - 10 * NS_PER_S]
+
     memory.add(cursors[-20])
     memory.add(Cursor(stamp_ns=cursors[-1].stamp_ns))
     assert memory.between(0, 2**62) == kept, "late, or without a ray"
     assert memory.between(at_ns(9.0), at_ns(10.0)) == [
         each for each in cursors if at_ns(9.0) <= each.stamp_ns <= at_ns(10.0)
     ]
+
     for index in range(2 * MAX_CURSORS):
         memory.add(cursors[-1].model_copy(update={"stamp_ns": cursors[-1].stamp_ns + index}))
     assert len(memory.between(0, 2**62)) == MAX_CURSORS
+
     memory.add(Cursor(stamp_ns=5, origin_m=EYES, direction=(1.0, 0.0, 0.0)))
     assert [each.stamp_ns for each in memory.between(0, 2**62)] == [5], "the clock was set back"

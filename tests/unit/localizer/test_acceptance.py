@@ -50,14 +50,17 @@ def test_refusals_name_the_problem_and_the_remedy() -> None:
     around = [(0.3 * math.cos(a), 0.3 * math.sin(a), EYES_M - 0.02 * a) for a in (0.0, 2.0, 4.0)]
     for trust in (SolverSettings(), LAX):  # nearer than an arm reaches
         assert "meet nowhere in the world" in refused(pointings(Person(), around), trust)
+
     person = Person(0.3, 0.2, 0.1)
     level = tuple((x, y, EYES_M) for x, y, _ in CORNERS[:2])
     sentence = refused(pointings(person, level))
     assert "at the height of the eyes" in sentence or "equally well" in sentence
+
     gathered = pointings(person, CORNERS)
     still = np.tile(person.direction(CORNERS[0]), (len(gathered), 1))
     sentence = refused(dataclasses.replace(gathered, directions=still))
     assert "held in one direction" in sentence or "too high" in sentence
+
     line = tuple((2.0 + far, 0.0, 1.64 - 0.5 * (2.0 + far)) for far in (0.0, 0.3, 0.6))
     assert "in one direction" in refused(pointings(Person(), line))
     person = Person(1.2, 1.4, 0.5)
@@ -111,6 +114,7 @@ def test_right_probability_is_that_of_the_thing_nearest_the_ray(
         ray_rad = math.atan2(meant[1] - y, meant[0] - x) - turned_rad
         away = [abs(math.remainder(math.atan2(*thing[::-1]) - ray_rad, math.tau)) for thing in things]
         right += things[int(np.argmin(away))] == meant
+
     assert pose.right_probability == pytest.approx(right / count, abs=0.035)  # of 100 draws
 
 
@@ -158,6 +162,7 @@ def test_rays_of_a_person_who_does_not_point_are_refused(name: str) -> None:
         results.append(
             solve(Pointings(recording.t_s[window], origins, directions[window], recording.robot_m[window]))
         )
+
     assert len(results) > 5
     assert not any(isinstance(result, Solution) for result in results)
 
@@ -215,6 +220,7 @@ def test_the_scatter_of_following_is_that_of_the_innovations(size: float) -> Non
         level = np.cos(elevations)
         rays = np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
         scatters.append(solved(dataclasses.replace(exact, directions=rays), settings).scatter)
+
     assert 0.5 < float(np.mean(scatters)) / size**2 < 1.4  # blocks are means, and large errors count less
 
 
@@ -227,16 +233,19 @@ def test_certainty_grows_with_longer_following_but_not_with_longer_holds() -> No
     denser = solved(pointings(person, CORNERS, each=200, rate_hz=100.0), trust)
     longer = solved(pointings(person, CORNERS, each=200, rate_hz=25.0), trust)
     again = solved(pointings(person, CORNERS * 4, each=50, rate_hz=25.0), trust)
+
     assert denser.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert longer.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert again.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert again.position_sigma_m == pytest.approx(base.position_sigma_m, rel=0.05)
+
     path = [
         (2.5 * math.cos(a), 2.5 * math.sin(a), 0.5 + 0.3 * math.sin(3.0 * a)) for a in np.arange(100) / 16
     ]
     trust = dataclasses.replace(trust, latency_sigma_s=0.0)  # an unknown one no longer following tells
     shorter = solved(pointings(person, path, each=1, rate_hz=25.0), trust)
     slower = solved(pointings(person, path, each=4, rate_hz=25.0), trust)
+
     assert slower.yaw_sigma_rad == pytest.approx(shorter.yaw_sigma_rad / 2.0, rel=0.25)
 
 
@@ -254,9 +263,11 @@ def test_constant_errors_stay_with_any_number_of_rays() -> None:
         rate_sigma_radps=0.0,
     )
     noise_only = solved(rounds, exact).position_sigma_m
+
     assert noise_only < 0.25  # one pointing at each lamp, however often
     body = solved(rounds, dataclasses.replace(exact, body_sigma_m=0.2)).position_sigma_m
     assert body == pytest.approx(math.hypot(noise_only, 0.2), rel=0.02)
+
     model = dataclasses.replace(exact, model_sigma_rad=0.1)
     near = tuple((x / 2.0, y / 2.0, z) for x, y, z in CORNERS) * 100
     far_m = solved(rounds, model).position_sigma_m

@@ -103,4 +103,5 @@ def test_lamps_anchors_and_poses_anywhere(
         if tick >= 210 and not locating.procedures.is_busy:
             locating.set_heading(rays[0][1], now_ns)
             locating.point_anchor("", now_ns)
+
     assert list(locating.figures(START_NS + 9 * S))

@@ -63,9 +63,11 @@ def test_the_filter_is_the_least_squares_fit_of_all_measurements() -> None:
                       np.diag([1.0 / math.radians(10.0), 1.0 / 0.15])])  # fmt: skip
     fit, *_ = np.linalg.lstsq(rows, np.concatenate([biases / spreads, [0.0, 0.0]]), rcond=None)
     covariance = np.linalg.inv(rows.T @ rows)
+
     assert (memory.bias_rad, memory.slope) == pytest.approx(fit, rel=1e-9)
     np.testing.assert_allclose(memory.covariance, covariance.ravel())
     assert memory.localizations == 3
+
     mean_rad, sigma_rad = expected_bias(memory, math.radians(-30.0))
     row = np.array([1.0, math.radians(-30.0) - REFERENCE_RAD])
     assert mean_rad == pytest.approx(row @ fit)

@@ -78,12 +78,14 @@ def test_outlier_is_rejected_named_and_forgotten_after_the_next_anchor() -> None
     assert math.degrees(beside.azimuth_error_rad) == pytest.approx(-36.0, abs=2.0)
     assert "36° to the right" in beside.reason
     assert "point at that target again" in beside.reason
+
     truth = drifted(PERSON, at_ns)
     doubted = drift.at(at_ns)
     assert abs(yaw_difference(doubted.yaw_rad, truth.yaw_rad)) < 2.0 * doubted.yaw_sigma_rad
     assert doubted.anchored_ns == 3 * MINUTE_NS
     for each in (drift, spared):
         assert point(each, truth, LAMPS[0], at_ns + NS_PER_S).accepted
+
     have = drift.at(at_ns + NS_PER_S)
     want = spared.at(at_ns + NS_PER_S)
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(1.0))
@@ -161,6 +163,7 @@ def test_yaw_origin_change_keeps_position_and_first_anchor_restores_yaw(*, resta
     else:
         assert pose.yaw_rate_radps == before.yaw_rate_radps
         assert pose.yaw_rate_sigma_radps == pytest.approx(before.yaw_rate_sigma_radps)
+
     turned = Person(PERSON.x, PERSON.y, drifted(PERSON, at_ns).yaw_rad + 2.5, PERSON.bias_rad)
     assert point(drift, turned, LAMPS[0], at_ns + NS_PER_S).accepted
     told = drift.at(at_ns + NS_PER_S)
@@ -180,6 +183,7 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     late.predict(now_ns)
     late.reset(new)
     have = late.at(now_ns)
+
     assert have.yaw_rad == pytest.approx(want.yaw_rad, abs=math.radians(0.2))
     assert have.yaw_sigma_rad == pytest.approx(
         want.yaw_sigma_rad, rel=0.05
@@ -187,6 +191,7 @@ def test_a_late_localization_counts_as_one_in_time(late_s: float) -> None:
     assert have.yaw_rate_radps == pytest.approx(want.yaw_rate_radps, rel=0.02)
     assert have.yaw_rate_sigma_radps == pytest.approx(want.yaw_rate_sigma_radps, rel=0.05)
     assert have.position_sigma_m == pytest.approx(want.position_sigma_m, rel=0.01)
+
     # a minute on, both have become as uncertain: the rate and the yaw hang together in both
     later_ns = now_ns + MINUTE_NS
     assert late.at(later_ns).yaw_sigma_rad == pytest.approx(timely.at(later_ns).yaw_sigma_rad, rel=0.05)
@@ -258,6 +263,7 @@ def test_a_late_anchor_counts_at_its_own_time() -> None:
     point(late, then, LAMPS[0], at_ns)
     a = early.predict(70 * NS_PER_S)
     b = late.predict(70 * NS_PER_S)
+
     assert b.yaw_rad == pytest.approx(a.yaw_rad, abs=math.radians(0.3))
     assert b.anchored_ns == at_ns
     refused = point(calibrated(PERSON), drifted(PERSON, MINUTE_NS), LAMPS[0], MINUTE_NS)
@@ -305,6 +311,7 @@ def test_rests_in_succession_that_contradict_the_known_drift_end_it(jump_deg_min
         if not 200 <= second < 210:
             pose = drift.predict(at_ns)
             assert abs(yaw_difference(pose.yaw_rad, true_rad)) < 3.0 * pose.yaw_sigma_rad
+
     assert drift.at(300 * NS_PER_S).yaw_rate_radps == pytest.approx(rate, abs=math.radians(0.05))
 
 
@@ -412,6 +419,7 @@ def test_every_entry_of_the_filter_follows() -> None:
     drift = filters()
     refused = point(drift, drifted(PERSON, 3 * MINUTE_NS), LAMPS[0], late)
     assert "old" in refused.reason
+
     drift.set_time(now_ns)
     assert point(drift, drifted(PERSON, 3 * MINUTE_NS), LAMPS[0], late).accepted
     drift = filters()
@@ -422,6 +430,7 @@ def test_every_entry_of_the_filter_follows() -> None:
     assert not filters().update_heading(late, 0.0, (1.0, 0.0, 0.0)).accepted
     assert filters().update_rest_rate(late, RATE_RADPS, 0.01, now_ns=now_ns).accepted
     assert not filters().update_rest_rate(late, RATE_RADPS, 0.01).accepted
+
     drift = filters()
     drift.reset_yaw(now_ns, is_restarted=False)
     assert drift.at(now_ns).stamp_ns == now_ns

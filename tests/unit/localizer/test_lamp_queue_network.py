@@ -241,6 +241,7 @@ def test_every_wait_ends_despite_losses_and_crashes(
             case _:
                 pass
         world.run(data.draw(st.sampled_from([0.0, 0.1, 0.7, 2.0])))
+
     served_s = len(people) * (LASTS_S + DELAY_S + 1.0) + MAX_LOCALIZATION_AGE_NS / S
     world.run_out(served_s)
     assert all(player.asked_ns is None or player.core is None or not player.waits for player in people)

@@ -47,17 +47,21 @@ async def test_anchor_corrects_a_fixed_pose_that_is_tracked_afterwards() -> None
         living = asyncio.create_task(wearer.live())
         assert await wearer.call(at.POINT_ANCHOR, PointAnchor(lamp="led_1")) == "point at led_1"
         await until(lambda: wearer.progress[-1].target_id == "led_1", what="the lamp")
+
         sampling = wearer.progress[-1]
         assert (sampling.phase, sampling.purpose, sampling.target_id) == ("sampling", "anchor", "led_1")
         assert (await wearer.until_phase("solved")).purpose == "anchor"
+
         (anchor,) = wearer.anchors
         assert anchor.accepted
         assert anchor.azimuth_error_rad == pytest.approx(8.0 * DEGREE, abs=0.5 * DEGREE)
+
         anchored = wearer.poses[1]
         assert abs(yaw_difference(anchored.yaw_rad, 28.0 * DEGREE)) < 0.5 * DEGREE
         assert anchored.position_m == pytest.approx((1.5, 1.2, 0.0), abs=0.03)
         assert anchored.anchored_ns > 0
         await until(lambda: len(wearer.poses) > 4, what="the pose to be followed")
+
         stamps = [pose.stamp_ns for pose in wearer.poses]
         assert stamps == sorted(set(stamps))
         await until(lambda: (wearer.figure("anchor age") or 0.0) > 1.0, what="the anchor's age")
@@ -138,15 +142,19 @@ async def test_localizer_pauses_when_a_tracker_provides_the_pose() -> None:
         await wearer.call(at.SET_POSE, SetPose(position_m=(3.0, 4.0, 0.0)))
         await wearer.call(at.START_LOCALIZATION, StartLocalization())
         assert wearer.progress[-1].target_id
+
         await wearer.put(at.POSE, tracked(clock))
         assert wearer.progress[-1].phase == "cancelled"
         assert wearer.progress[-1].reason.startswith("a tracker provides the pose of anna now")
+
         count = len(wearer.progress)
         await wearer.put(at.POSE, tracked(clock, 7.1))
         assert len(wearer.progress) == count  # it says so once
+
         late = wearer.bench.collect(at.POSE, USER)
         await wearer.bench.settle()
         assert [pose.position_m[0] for pose in late] == [7.1]
+
         clock.advance(1.0)
         for asking in (
             wearer.call(at.START_LOCALIZATION, StartLocalization()),
@@ -156,13 +164,16 @@ async def test_localizer_pauses_when_a_tracker_provides_the_pose() -> None:
             with pytest.raises(RefusedError, match=r"a tracker provides the pose of anna, last 1.0 s ago"):
                 await asking
         await until(lambda: wearer.figure("external pose") == 1.0, what="the figure")
+
         clock.advance(1.5)
         await wearer.until_warned("the tracker that gave the pose of anna is silent")
         with pytest.raises(RefusedError, match="is silent for"):
             await wearer.call(at.POINT_ANCHOR, PointAnchor())
+
         known = len(wearer.poses)
         await wearer.bench.settle()
         assert len(wearer.poses) == known  # nobody asked
+
         await wearer.call(at.SET_POSE, SetPose(position_m=(5.0, 5.0, 0.0)))
         assert (wearer.poses[-1].position_m, wearer.poses[-1].method) == ((5.0, 5.0, 0.0), "fixed")
         await until(lambda: wearer.figure("external pose") is None, what="the figure to go")
@@ -259,13 +270,16 @@ async def test_the_yaw_is_unknown_and_it_is_said_until_told(epoch: int, device_s
         count = len(wearer.poses)
         await send(wearer, clock, epoch, device_s)
         assert len(wearer.poses) == count + 1
+
         lost = wearer.poses[-1]
         assert math.sqrt(lost.covariance[8]) >= math.pi / 2
         assert lost.position_m == pytest.approx((1.5, 1.2, 0.0))
+
         await wearer.until_warned("the IMU of anna was restarted or turned")
         (warning,) = wearer.warnings
         assert "`pointit person anchor anna`" in warning
         assert "`pointit person pose anna --facing" in warning
+
         await send(wearer, clock, epoch, device_s + 0.1)
         assert len(wearer.poses) == count + 1  # once
         await wearer.call(at.SET_POSE, FOUND)

@@ -130,6 +130,7 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
         bench = room.bench
         poses = room.poses
         assert room.phase == "sampling"
+
         for tick in range(300):  # 12 s at 25 Hz: the reaction and a whole window
             now_ns = clock.advance(0.04)
             angle = math.tau * tick / 200.0
@@ -190,14 +191,17 @@ async def test_robot_localizations_remember_the_elevation_bias_until_it_is_forgo
         assert (first.localizations, second.localizations) == (1, 2)
         assert second.covariance[0] < first.covariance[0]
         assert math.degrees(second.bias_rad) == pytest.approx(6.0, abs=2.0)
+
         # by hand it stays, as the person does
         await room.set_pose((1.0, 2.0, 0.0), 0.0)
         assert room.poses[-1].remembered_bias == second
+
         forget = CancelLocalization(forget_bias=True)
         answer = await room.call(at.CANCEL_LOCALIZATION, forget)
         assert answer == "forgotten: the next localization expects no elevation bias"
         assert room.poses[-1].position_m == (1.0, 2.0, 0.0)
         assert room.poses[-1].remembered_bias is None
+
         third = (await localize_by_robot(room)).remembered_bias
         assert third is not None
         assert third.localizations == 1

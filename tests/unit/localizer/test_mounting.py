@@ -125,6 +125,7 @@ def test_procedure_refuses_a_wrong_mounting_and_says_what_to_do(
         for number, offset_s in enumerate(ahead_s):
             procedure.on_objects(f"tracker {number}", robots(t_s + offset_s, drone=tuple(target.tolist())))
         outputs += procedure.step(stamp_ns)
+
     assert poses(outputs) == []
     last = told(outputs)[-1]
     assert last.phase == "refused"
@@ -210,5 +211,6 @@ def test_procedure_goes_on_while_a_mounting_is_doubted(monkeypatch: pytest.Monke
         )
         procedure.on_objects("tracker", robots(t_s, drone=tuple(target.tolist())))
         outputs += procedure.step(stamp_ns)
+
     assert [pose.stamp_ns > START_NS + 8 * NS_PER_S for pose in poses(outputs)] == [True]
     assert any("rise and sink only 0.5 times" in each.reason for each in told(outputs))

@@ -141,9 +141,11 @@ def test_a_robot_that_moves_or_is_gone_is_refused() -> None:
     refused = room.core.point_anchor("quad", room.now_ns)
     assert isinstance(refused, Refusal)
     assert "robot quad moves; let it stand" in refused.reason
+
     refused = room.core.point_anchor("quad", room.now_ns + 5 * NS_PER_S)
     assert isinstance(refused, Refusal)
     assert "robot quad is not tracked now" in refused.reason
+
     room = Room(hold_s=2.0)
     room.point(QUAD, 0.2)
     room.core.point_anchor("quad", room.now_ns)

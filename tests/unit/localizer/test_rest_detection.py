@@ -71,10 +71,12 @@ def test_the_pose_is_followed_at_a_sensible_pace() -> None:
             published.append(pose)
         now_ns += round(tracking.wait_s(now_ns) * S)
     gaps = np.diff([pose.stamp_ns for pose in published]) / S
+
     assert gaps.min() >= 0.2
     assert gaps.max() <= 2.0
     steps = np.abs(np.diff([pose.yaw_rad for pose in published]))
     assert steps.max() < 0.4 * DEGREE  # 0.1° and a period
+
     sigmas = [pose.covariance[8] for pose in published]
     assert sigmas == sorted(sigmas)  # it becomes less certain
     assert {pose.method for pose in published} == {"static_targets"}
@@ -207,12 +209,14 @@ def test_yaw_is_unknown_after_a_new_origin_until_measured_again(
     assert lost.position_m == before.position_m
     assert lost.covariance[0] == pytest.approx(before.covariance[0], rel=0.1)
     assert tracking.has_lost_yaw
+
     refused = tracking.anchor(LAMP, pointing(6.0), "the arm wandered").anchor
     assert not refused.accepted
     assert tracking.has_lost_yaw
     # 2.5 rad from what it was
     assert tracking.anchor(LAMP, pointing(7.0, off_rad=-2.5)).anchor.accepted
     assert not tracking.has_lost_yaw
+
     told = there(tracking.pose(at(7.0)))
     assert abs(yaw_difference(told.yaw_rad, person(7.0).yaw_rad + 2.5)) < 2.0 * DEGREE
     tracking.on_yaw_origin_changed(at(8.0), is_restarted=restarted)

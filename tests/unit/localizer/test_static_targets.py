@@ -81,12 +81,14 @@ def test_lamps_in_sequence_then_the_pose_and_darkness() -> None:
     outputs = run(procedure, person, 12.0)
     assert [lamp for lamp, _ in itertools.groupby(news.target_id for news in told(outputs))] == [*"abc", ""]
     assert not procedure.running
+
     (pose,) = poses(outputs)
     assert math.hypot(pose.position_m[0] - person.x, pose.position_m[1] - person.y) < 0.1
     assert abs(pose.position_m[2]) < 0.05  # the height of the eyes is not known better
     assert abs(yaw_difference(pose.yaw_rad, person.yaw_rad)) < 0.03
     assert pose.method == "static_targets"
     assert pose.covariance[0] > 0.0
+
     last = told(outputs)[-1]
     assert (last.phase, last.progress, last.target_id) == ("solved", 1.0, "")
     assert last.samples == pose.samples == pytest.approx(300, abs=6)

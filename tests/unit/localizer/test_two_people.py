@@ -110,6 +110,7 @@ async def test_absent_user_frees_the_lamps_immediately(presence: str) -> None:
         now_ns = room.clock.now_ns()
         bench.put(at.LOCALIZATION, pointing("led_1", now_ns), "dora")
         await bench.settle()
+
         assert await room.start("anna") == "anna waits in turn: dora first"
         dora[0 if presence == "person" else 1].close()
         await room.points("anna")
@@ -130,15 +131,18 @@ async def test_silent_person_frees_the_lamps_and_long_waits_are_refused() -> Non
         asked_ns = room.clock.now_ns()
         await room.points("anna")
         assert 2_000_000_000 < room.clock.now_ns() - asked_ns < 6_000_000_000
+
         await room.solved("anna")
         bench.start(Localizer, CONFIG, "ben")
         await until(lambda: bool(room.progress["ben"]))
+
         says("dora", "led_1")
         await bench.settle()
         await room.start("ben")
         while room.last("ben").phase == "sampling":
             says("dora", "led_1")
             await sleep(room.clock, 0.5)
+
         assert room.last("ben").phase == "refused"
         assert room.last("ben").reason.startswith("ben has waited 300 s for the lamps; dora came first")
         assert not [news for news in room.progress["ben"] if news.target_id]
@@ -162,14 +166,17 @@ async def test_restarted_led_driver_switches_lamps_off_and_keeps_the_queue() -> 
         await room.waits("ben", "anna")
         await bench.end(room.led_driver)
         await until(lambda: room.shining == [], what="darkness")
+
         target = room.last("anna").target_id
         for lamp in LAMPS:  # as if it had been killed
             bench.put(at.LAMP_COLOR, LampColor(stamp_ns=1, color=(255, 255, 255)), lamp.id)
         bench.start(LedDriver, LedDriverConfig())
         await until(lambda: room.shining in ([target], [room.last("anna").target_id]), what="anna's lamp")
+
         await room.solved("anna")
         await room.solved("ben")
         assert "refused" not in {news.phase for user in ("anna", "ben") for news in room.progress[user]}
+
         began_ns = next(news.stamp_ns for news in room.progress["ben"] if news.target_id)
         ended_ns = next(news.stamp_ns for news in room.progress["anna"] if news.phase == "solved")
         assert began_ns >= ended_ns

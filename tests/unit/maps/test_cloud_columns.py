@@ -383,6 +383,7 @@ def test_cloud_is_read_correctly_or_refused_with_working_parameters(tmp_path: Pa
         entry[named] = missing.pop(named)
     path.write_text(yaml.safe_dump({"clouds": {"scan": entry}}))
     points = load_map_and_clouds(str(path), 0)[1]["scan"]
+
     np.testing.assert_allclose(points, ROOM, atol=0.02 if "utm" in name else 2e-4)
 
 

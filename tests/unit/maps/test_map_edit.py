@@ -263,6 +263,7 @@ def test_edits_give_the_values_and_keep_comments_and_order(
         for section, entries in loaded.items()
         if entries
     }
+
     assert named == {section: entries for section, entries in wanted.items() if entries}
     for section, entries in named.items():
         assert list(entries) == list(wanted[section])

@@ -188,6 +188,7 @@ def test_the_shipped_conveyor_is_the_papers() -> None:
     assert [(strip.id, strip.pixels, strip.direction) for strip in ours.strips] == [
         (strip.id, strip.pixels, strip.direction) for strip in theirs.strips
     ]
+
     lines, originals = (
         [*(belt.line_m for belt in room.belts), *(strip.line_m for strip in room.strips)]
         for room in (ours, theirs)
@@ -389,10 +390,12 @@ def test_objects_of_a_frame_are_transformed_into_the_room(tmp_path: Path) -> Non
         length_m=0.2,
     )
     (seen,) = aligned([cup, cup], frame)[1:]
+
     assert seen.position_m == pytest.approx((1.5, 1.8, 0.7))
     assert seen.velocity_mps == pytest.approx((-1.0, 0.0, 0.0))
     assert seen.yaw_rad == pytest.approx(0.1 + math.pi / 2)
     assert (seen.id, seen.kind, seen.length_m) == ("cup", "red", 0.2)
+
     turned = frame_of(loaded(write(tmp_path, FRAMES), 1), "slam")
     assert point_in_world((1.0, 2.0, 3.0), turned) == pytest.approx((-1.0, -2.0, 3.0))
 

@@ -236,9 +236,11 @@ def test_truth_gives_the_error_of_the_current_pose() -> None:
         now_ns = START_NS + second * NS_PER_S
         worn.on_body(BodyPose("cap", now_ns, (x, 2.0, 1.75), (0.0, 0.0, 0.0, 1.0), 0.001))
         errors_m.append(worn.figures(now_ns)["position error of anna"][0])
+
     assert errors_m == pytest.approx([0.25, 1.0])
     assert [each.id for each in worn.objects(now_ns, now_ns)] == ["anna"]
     assert worn.objects(now_ns, now_ns + NS_PER_S // 5) == [], "newer frames do not have the cap"
+
     later_ns = START_NS + 10 * NS_PER_S  # nobody is seen any more
     assert worn.figures(later_ns)["position error of anna"][0] is None
     assert worn.figures(later_ns)["yaw error of anna"][0] is None
@@ -265,6 +267,7 @@ def test_pose_and_truth_end_when_the_yaw_jumps(*, is_truth: bool) -> None:
         worn.on_imu("anna", ImuSample(stamp_ns=now_ns, orientation_xyzw=(x, y, z, w)))
         poses += [(time_s, pose) for _, pose in worn.poses(now_ns)]
         kinds += [(time_s, each.kind) for each in worn.objects(now_ns, now_ns)]
+
     if is_truth:
         assert poses == []
         assert {kind for time_s, kind in kinds if 6 < time_s < 8} == {"person_frame"}

@@ -257,6 +257,7 @@ def test_a_new_person_after_one_anchor() -> None:
         before.append(off)
         after.append(off - by_elevation)
         within.append(abs(off - by_elevation) <= 2.0 * offset.sigma_rad)
+
     assert np.sqrt(np.mean(np.square(before))) / DEG > 4.0
     assert np.sqrt(np.mean(np.square(after))) / DEG < 1.5
     assert np.mean(within) > 0.95
@@ -327,6 +328,7 @@ def test_two_sigma_hold_for_people_of_any_scatter(scatter_deg: float, count: int
         off = new.target_elevation_rad - new.elevation_rad
         within.append(abs(off - offset.elevation[0]) <= 2.0 * offset.sigma_rad)
         stated.append(offset.sigma_rad / DEG)
+
     assert np.mean(within) >= 0.88
     if count == 7:  # the anchors have told the scatter
         assert np.median(stated) < 2.0 * scatter_deg

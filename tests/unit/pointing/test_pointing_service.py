@@ -266,11 +266,13 @@ async def test_offset_comes_with_the_profile_and_depends_on_the_pose() -> None:
         await here.bench.settle()
         await here.point()
     first, second = here.rays
+
     assert first.azimuth_correction_rad == 0.0
     assert first.elevation_correction_rad == pytest.approx(math.radians(2.0))
     assert second.azimuth_correction_rad == pytest.approx(0.1 * (0.3 + 0.4 - 0.5))
     assert second.elevation_sigma_rad == 0.02
     assert second.raw_direction is not None
+
     turned = vector.direction(
         vector.azimuth(second.raw_direction) + second.azimuth_correction_rad,
         vector.elevation(second.raw_direction) + second.elevation_correction_rad,
@@ -294,6 +296,7 @@ async def test_repeats_make_no_ray_and_are_shown(caplog: pytest.LogCaptureFixtur
         assert len(here.rays) == 80
         await until(lambda: shown("repeated samples") == [50.0], what="the share of repeats")
         assert health[-1].warnings == ()
+
         for _ in range(15):  # stuck: nothing new for 0.3 s
             await send(S + 79 * 20_000_000)
         await here.warned("device is stuck")

@@ -181,13 +181,16 @@ async def test_it_holds_for_everybody_from_the_next_ray_on() -> None:
         assert reply.tolerance_rad == pytest.approx(math.radians(12.0))
         assert "12.0°" in reply.message
         assert await beside(here, 8.0) == "strip"
+
         reply = await tolerate(here, 5.0)
         assert reply.tolerance_rad == pytest.approx(math.radians(5.0))
         assert [await beside(here, 8.0), await beside(here, 8.0, "ben")] == ["none", "none"]
         assert await beside(here, 3.0) == "strip"
+
         await tolerate(here, 20.0)
         assert [await beside(here, 15.0), await beside(here, 15.0, "ben")] == ["strip", "strip"]
         assert (await tolerate(here)).tolerance_rad == pytest.approx(math.radians(20.0))
+
         reports = here.bench.collect(HEALTH)
         await until(lambda: bool(reports))
         figures = [(each.name, each.value, each.unit) for each in reports[-1].figures]
@@ -210,6 +213,7 @@ async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
         here.bench.put(OBJECTS, TrackedObjects(stamp_ns=here.clock.now_ns(), objects=(drone,)), "sim")
         here.clock.advance(0.48)
         await here.point_at(LAB.strips[0].line_m[0])
+
         said = await ask(here, kind="horizontal", anchor="object", object_id="drone")
         assert said == "anna's cursor moves on a horizontal workspace"
         cursor = await here.point_at((3.0, -1.0, 0.5))

@@ -85,6 +85,7 @@ def test_cursors_are_on_the_surface(
     hit = workspace.intersect(eyes, direction, feet)
     if hit is None:
         return
+
     assert hit.miss_rad < 1e-7
     point = hit.point_m
     if kind == "horizontal":
@@ -216,6 +217,7 @@ def test_a_package_is_moved_on_round_the_bend() -> None:
         }
     )
     tracked = Tracked(room)
+
     package = TrackedObject(
         id="p", kind="red", position_m=(0.5, 0.1, 1.0), velocity_mps=(1.0, 0.0, 0.0),
         surface="strip", surface_id="l", surface_position_m=0.5, surface_speed_mps=1.0,
@@ -223,6 +225,7 @@ def test_a_package_is_moved_on_round_the_bend() -> None:
     tracked.on_objects("sim", TrackedObjects(stamp_ns=S, objects=(package,)))
     assert tracked.where("p", 2 * S) == pytest.approx((1.0, 0.6, 1.0))
     assert tracked.where("p", S) == pytest.approx((0.5, 0.1, 1.0))
+
     slower = package.model_copy(update={"surface_speed_mps": -0.2})
     tracked.on_objects("sim", TrackedObjects(stamp_ns=S, objects=(slower,)))
     assert tracked.where("p", 2 * S) == pytest.approx((0.3, 0.1, 1.0))
@@ -246,11 +249,13 @@ def test_impossible_workspace_is_refused_and_changes_nothing() -> None:
     person = Person()
     with pytest.raises(WorkspaceError, match="no ray has come"):
         person.ask("sphere")
+
     person.point((0.0, 0.0, 1.0))
     with pytest.raises(WorkspaceError, match="no cursor now"):
         person.ask("sphere")
     with pytest.raises(WorkspaceError, match="no object 'drone' is known"):
         person.ask("sphere", anchor="object", object_id="drone")
+
     person.tracked.on_objects("sim", robot(10 * S))
     person.point((0.0, 0.0, 1.0), stamp_ns=13 * S)
     with pytest.raises(WorkspaceError, match=r"last seen 3\.0 s ago"):
@@ -264,6 +269,7 @@ def test_impossible_workspace_is_refused_and_changes_nothing() -> None:
     with pytest.raises(WorkspaceError, match="more than 200 m"):
         person.ask("sphere", anchor="point", point_m=(2000.0, 0.0, 0.0))
     assert person.point((0.0, 0.0, 1.0)).solid == ""
+
     nobody = PersonCursor(SURFACES)
     with pytest.raises(WorkspaceError, match="no pose is known"):
         nobody.set_workspace(SetWorkspace(kind="sphere"), Tracked(LAB))
@@ -299,6 +305,7 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
     first = person.point(down)
     assert first.surface_id == f"workspace/{kind}"
     assert first.point_m is not None
+
     away = vector.subtract(first.point_m, person.feet_m)
     if kind == "horizontal":
         assert away[2] == pytest.approx(0.2)
@@ -306,14 +313,17 @@ def test_the_workspace_to_begin_with_is_laid_anew_each_time(kind: WorkspaceKind)
         assert first.range_m == pytest.approx(2.0)
     else:
         assert math.hypot(away[0], away[1]) == pytest.approx(2.0)
+
     person.core.set_interaction(Interaction(stamp_ns=1, state="idle"))
     person.core.set_interaction(Interaction(stamp_ns=2, state="pointing"))
     behind = person.point(vector.rotate_z(down, math.pi))
     assert behind.range_m == pytest.approx(first.range_m)  # the plane faces them again
+
     person.ask("sphere", anchor="point", point_m=vector.add(person.eyes_m, (0.0, 5.0, 0.0)))
     person.core.set_interaction(Interaction(stamp_ns=3, state="idle"))
     person.core.set_interaction(Interaction(stamp_ns=4, state="pointing"))
     assert person.point(down).range_m == pytest.approx(5.0)  # what was asked for stays
+
     person.core.set_workspace(SetWorkspace(kind="none"), person.tracked)
     assert person.point(down).solid == ""
     person.core.set_interaction(Interaction(stamp_ns=3, state="idle"))

@@ -281,6 +281,7 @@ async def test_webhook_is_not_called_again_after_its_process_was_stopped(
         await bench.settle()
         bench.put(MAP, ROOM)
         await bench.settle()
+
         stamp_ns = bench.clock.now_ns()
         event = SelectionEvent(
             stamp_ns=stamp_ns, event="selected", object_id="screws", user="anna", carriers=("reactions",)
@@ -288,5 +289,6 @@ async def test_webhook_is_not_called_again_after_its_process_was_stopped(
         bench.put(SELECTION_EVENTS, event)
         await until(lambda: bool(results))
         await asyncio.sleep(60.0)
+
     assert len(calls) == 1
     assert [(each.result, each.code) for each in results] == [("failed", "no_answer")]

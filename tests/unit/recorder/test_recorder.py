@@ -152,6 +152,7 @@ async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
         await asyncio.sleep(0)
     numbers = {each.name for each in site.read() if each.row is topics.USER_ALIVE}
     assert numbers == {"person-1", "person-2", "person-3"}
+
     (said,) = (each for each in site.read() if each.row is topics.FEEDBACK)
     assert (said.name, said.body) == (
         "person-1",
@@ -179,10 +180,12 @@ async def test_names_are_nowhere_in_the_file_even_when_learnt_late(site: Site) -
         site.bus.publisher(topics.CONFIGURATION, "web").put(configuration)
         site.bus.publisher(topics.DEPLOYMENT, "ben").put(models.Deployment(stamp_ns=1, name="ben"))
         await asyncio.sleep(0)
+
     content = unpacked(site.path).lower()
     assert b"person-1-laptop" in content
     for name in (b"anna", b"ben", b"chris"):
         assert name not in content
+
     (replaced,) = site.bodies(topics.CONFIGURATION.at("web"))
     (place,) = WebConfig.model_validate_json(replaced.parameters).places.items()
     assert place[0].startswith("person-")
@@ -202,6 +205,7 @@ async def test_names_equal_to_numbers_or_message_words_lose_no_message(site: Sit
         site.bus.publisher(topics.LAMP_COLOR, "led_1").put(example(topics.LAMP_COLOR.message))
         await asyncio.sleep(0)
     cursors = [each.body for each in site.read() if each.row is topics.CURSOR]
+
     assert cursors == [models.Cursor(stamp_ns=number, seq=number, miss_rad=0.1) for number in range(100)]
     (said,) = (each for each in site.read() if each.row is topics.FEEDBACK)
     one = said.name
@@ -381,6 +385,7 @@ async def test_recording_continues_in_a_new_file_after_a_clock_step(tmp_path: Pa
     for seconds in (1.0, 2.0, 1.5):
         sink.add(cursor(seconds))
     await sink.close()
+
     assert sink.path == tmp_path / "session-2.mcap"
     assert [each.time_ns for each in read(tmp_path / "session.mcap")][-1] == at(6.0)
     found = [(each.time_ns, each.key) for each in read(sink.path)]

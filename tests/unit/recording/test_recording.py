@@ -115,6 +115,7 @@ def test_other_readers_find_the_key_the_schema_and_the_stamp(path: Path) -> None
     with path.open("rb") as file:
         messages = list(make_reader(file, validate_crcs=True).iter_messages())
     (schema, plain, message), (request_schema, request, _) = messages
+
     assert schema is not None
     assert request_schema is not None
     assert (schema.name, schema.encoding) == (Cursor.schema_name(), "jsonschema")

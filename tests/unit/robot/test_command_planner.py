@@ -101,11 +101,13 @@ def test_robot_stands_as_long_as_the_table_says(hold: Hold, verdict: Verdict) ->
     desk.safety.stop_reason = before
     desk.step()
     user = desk.pilot.user
+
     assert hold_of(before, user) == hold
     if now is not None:
         now = now._replace(text=f"now {now.text}")
     desk.safety.stop_reason = now
     command = desk.step()
+
     change: Change = HOLDS[hold][verdict]
     stop = {"-": before, "resume": None, "end": before}.get(change, now)
     assert desk.pilot.reason == ("" if stop is None else stop.text)
@@ -137,6 +139,7 @@ def test_ground_robot_goes_to_its_own_floor_only(*, height_m: float, is_taken: b
     follows.point("anna", (x, y, height_m))
     path = goals.step()
     follow = follows.step()
+
     if is_taken:
         assert isinstance(path, FollowPath)
         assert isinstance(follow, Follow)

@@ -142,6 +142,7 @@ def test_robot_goes_to_new_requests_only_after_a_stop() -> None:
     for _ in range(10):
         desk.steer("anna")
         assert desk.step() is None
+
     assert (desk.pilot.user, desk.pilot.phase) == ("", "stopped")
     assert desk.pilot.reason == "somebody has stopped it"
     desk.steer("ben", robot="")
@@ -258,11 +259,13 @@ def test_answers_about_earlier_orders_are_ignored_and_silence_is_reported() -> N
     desk.now_ns += 1
     desk.send("anna", (2.0, 0.0, 0.0))
     second = desk.step()
+
     assert isinstance(first, FollowPath)
     assert isinstance(second, FollowPath)
     for state in STATES:
         desk.pilot.on_item(OrderStatus(first.order, state), desk.now_ns)
     assert (desk.pilot.phase, desk.pilot.reason) == ("moving", "")
+
     desk.step(3.2)
     assert "not answered its order for 3 s" in desk.pilot.reason
     desk.pilot.on_item(OrderStatus(second.order, "active"), desk.now_ns)
@@ -385,6 +388,7 @@ async def test_figure_needs_a_localization_by_this_robot_without_a_user(pilotage
         await asyncio.sleep(0.5)
         assert pilotage.state.phase == "landed"
     pilotage.arrive("ben", (0.5, 0.0, 0.0))
+
     pilotage.steer("ben", Steering(stamp_ns=0, robot=ROBOT, mode="follow"))
     await pilotage.until(lambda state: state.user == "ben")
     begin(pilotage)
@@ -533,6 +537,7 @@ def test_unknown_latency_costs_little_on_the_best_figure(
         monkeypatch.setattr(figure_flight, "PRIOR", np.append(figure_flight.PRIOR[:4], late_s**-2))
         sigmas_m.append((sigma_m(best), sigma_m(circle)))
     (best_m, circle_m), (best_late_m, circle_late_m) = sigmas_m
+
     assert best_late_m < 2.0 * best_m
     assert circle_late_m > 4.0 * circle_m
 

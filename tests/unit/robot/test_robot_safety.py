@@ -165,11 +165,13 @@ def test_quadrotor_does_not_take_off_beside_a_person() -> None:
         "quad would hover 0.4 m too near to ada: carry it away, or let ada step back and localize again: "
         "the known position does not follow them"
     )
+
     pose = UserPose(stamp_ns=robot.now_ns, position_m=(0.0, -0.8, 0.0), yaw_rad=0.0, method="static_targets")
     covariance = (0.09, 0.0, 0.0, 0.0, 0.04, *pose.covariance[5:])
     robot.safety.people.on_pose("ada", pose.model_copy(update={"covariance": covariance}))
     problem = robot.safety.take_problem("ada", robot.now_ns)
     assert "the known position (1 sigma 0.30 m) does not follow" in problem
+
     robot.safety.people.on_pose("ada", pose.model_copy(update={"method": "external"}))
     assert robot.safety.take_problem("ada", robot.now_ns).endswith("carry it away, or make room")
     robot.place("ada", (0.0, -2.0, 0.0))

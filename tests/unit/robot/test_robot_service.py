@@ -44,22 +44,28 @@ async def test_quadrotor_takes_off_hovers_and_lands_where_its_user_points(
     pilotage.arrive("anna")
     landed = await pilotage.until(lambda state: state.phase == "landed")
     assert (landed.kind, landed.user, landed.reason) == ("quadrotor", "", "")
+
     pilotage.point("anna", (0.5, 1.0, 0.0))
     pilotage.steer("anna", FOLLOW)
     await pilotage.until(lambda state: state.phase == "taking_off" and state.user == "anna")
+
     await asyncio.sleep(10.0)
     hovering = pilotage.state
     assert (hovering.phase, hovering.reason) == ("idle", "")
     assert math.dist(hovering.position_m, (0.5, 1.0, 0.2)) < 0.1
+
     landing = FOLLOW.model_copy(update={"mode": "land", "target_m": (0.2, -1.0, 0.0)})
     pilotage.steer("anna", landing)
     await pilotage.until(lambda state: state.phase == "landing")
+
     down = await pilotage.until(lambda state: state.phase == "landed")
     assert math.dist(down.position_m, (0.2, -1.0, 0.0)) < 0.1
     assert down.user == ""
+
     pilotage.states.clear()
     await asyncio.sleep(2.0)
     assert {state.phase for state in pilotage.states} == {"landed"}
+
     seen = pilotage.objects[-1].objects[0]
     assert (seen.id, seen.kind, seen.position_m) == (ROBOT, "robot", pilotage.state.position_m)
 

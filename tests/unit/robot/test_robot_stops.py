@@ -207,11 +207,13 @@ async def test_robot_stops_within_the_stated_time(
             rest_s = passed_s()
         await asyncio.sleep(STEP_S)
     await causing
+
     print(f"| {name} | {case.within_s:.2f} s | {ordered_s:.2f} s | {rest_s:.2f} s |")  # noqa: T201 - the table
     assert ordered_s <= case.within_s + STEP_S
     assert rest_s <= case.within_s + BRAKING_S
     assert any(case.said in each for each in said), said
     assert pilotage.state.user == ("" if case.frees else "anna")
+
     if case.frees:  # pointing again, and the cause gone, do not move it
         driver.change = lambda item: (item,)
         pilotage.point("anna", (-1.0, -1.0, 0.0))
@@ -260,6 +262,7 @@ async def test_quadrotor_neither_rises_nor_lands_beside_an_approaching_person(
         driver = drivers[0]
         pilotage.steer("anna", FOLLOW)
     await pilotage.until(lambda state: abs(state.velocity_mps[2]) > 0.2)
+
     orders = len(driver.commands)
     pilotage.pose("bob", beside(driver, 0.0, 0.3))
     since_ns = pilotage.bench.clock.now_ns()
@@ -267,12 +270,14 @@ async def test_quadrotor_neither_rises_nor_lands_beside_an_approaching_person(
     assert stopped.reason_code == "people"
     assert pilotage.bench.clock.now_ns() - since_ns <= 0.1 * NS_PER_S
     assert isinstance(driver.commands[orders], Stop)
+
     if mode == "follow":
         return
     await asyncio.sleep(BRAKING_S)
     orders = len(driver.commands)
     await asyncio.sleep(5.0)  # it does not come down in many small steps either
     assert driver.commands[orders:] == []
+
     pilotage.pose("bob", beside(driver, 0.0, 3.0))
     await pilotage.until(lambda state: state.phase == "landed")
 

@@ -185,10 +185,12 @@ def test_stop_brakes_to_a_hover_within_the_stated_time(course: list[tuple[Comman
     braking_s = LIMITS.max_speed_mps / LIMITS.max_acceleration_mps2
     jerk_s = 2.0 * LIMITS.max_acceleration_mps2 / LIMITS.max_jerk_mps3
     before = pose_of(robot).position_m
+
     took_s = settle(robot, Stop(1))
     assert took_s <= braking_s + jerk_s + 2 * STEP_S
     way_m = vector.norm(vector.subtract(pose_of(robot).position_m, before))
     assert way_m <= LIMITS.max_speed_mps * (braking_s / 2.0 + jerk_s) + 0.05, f"from {speed:.2f} m/s"
+
     here = pose_of(robot).position_m
     for _ in range(200):
         robot.step()

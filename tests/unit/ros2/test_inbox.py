@@ -352,6 +352,7 @@ async def test_newest_pose_of_each_person_is_read_when_tf_floods(
     seen = placed(bridge, "anna", "ben")
     flood = [frames(bridge, "anna", x=float(count), size=MOST - 200) for count in range(20)]
     assert all(MOST - 1000 < len(cdr) <= MOST for cdr in flood)
+
     loop = asyncio.get_running_loop()
     now_s = loop.time()
     with monkeypatch.context() as stopped:
@@ -360,9 +361,11 @@ async def test_newest_pose_of_each_person_is_read_when_tf_floods(
             bridge.backend.readers["/tf"](flood[count % 20])
             if count == 500:
                 bridge.backend.readers["/tf"](frames(bridge, "ben", x=7.0))
+
     assert sum(read) <= 3 * MOST, "20 ms of the loop; all would be 6 s"
     (warning,) = bridge.warnings()
     assert "/tf brings more of people than the 1 MB a second that are read" in warning
+
     bridge.clock.advance(1.0)  # so that places are taken again
     await until(lambda: seen["anna"][-1:] == [19.0] and seen["ben"] == [7.0])
     assert sum(read) <= 5 * MOST

@@ -67,9 +67,11 @@ def test_arm_message_has_the_measurements_of_the_device(table: Routes) -> None:
     plain = models.ImuSample(stamp_ns=NOW_NS, orientation_xyzw=q)
     (rotated,) = sent(out(table, "rotation"), plain, furnished())
     assert (turned(rotated.quaternion), rotated.header.frame_id) == (q, "user1/human_footprint")
+
     (value,) = sent(out(table, "imu"), plain, furnished())
     assert (turned(value.orientation), value.header.frame_id) == (q, "user1/human_footprint"), "in tf"
     assert value.angular_velocity_covariance[0] == value.linear_acceleration_covariance[0] == -1.0
+
     full = plain.model_copy(
         update={"angular_velocity_radps": (1.0, 2.0, 3.0), "acceleration_mps2": (4.0, 5.0, 6.0)}
     )
@@ -86,6 +88,7 @@ def test_pose_is_published_in_the_world_with_its_covariance(table: Routes) -> No
     (value,) = sent(out(table, "pose"), POSE, furnished())
     assert value.header.frame_id == "world"
     assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+
     (value,) = sent(out(table, "pose"), POSE.model_copy(update={"stamp_ns": 2**63 - 1}), furnished())
     assert (value.header.stamp.sec, value.header.stamp.nanosec) == (LAST_S, 0), "the last that ROS can tell"
     (value,) = sent(out(table, "pose_with_covariance"), POSE, furnished())
@@ -96,6 +99,7 @@ def test_pose_is_published_in_the_world_with_its_covariance(table: Routes) -> No
     assert spread[2, 2] == pytest.approx(0.01)
     assert spread.diagonal()[3:5] == pytest.approx(math.radians(1.0) ** 2)
     assert not (spread - np.diag(spread.diagonal()))[3:5].any()
+
     told = POSE.model_copy(update={"covariance": (0.0,) * 9, "z_sigma_m": 0.0})
     (value,) = sent(out(table, "pose_with_covariance"), told, furnished())
     spread = value.pose.covariance.reshape(6, 6)
@@ -160,6 +164,7 @@ def test_a_goal_is_a_pose_in_the_world(table: Routes) -> None:
     assert (value.header.frame_id, value.pose.position.y) == ("world", 2.0)
     assert value.header.stamp.sec == NOW_NS // models.NS_PER_S
     assert rotation.rotate(turned(value.pose.orientation), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
+
     steered = goal.model_copy(update={"robot": "rover"})  # our own robot: a Nav2 would drive there as well
     assert sent(out(table, "goal_pose"), steered, furnished()) == []
     assert out(table, "goal_pose").qos == Qos(depth=10)  # not latched: who comes late gets no old goal
@@ -177,6 +182,7 @@ def test_states_are_called_as_the_ros_toolkit_does(table: Routes) -> None:
         (points,) = sent(out(table, "is_pointing"), interaction, scene)
         (wish,) = sent(out(table, "subscription"), interaction, scene)
         told.append((transition.node_name, transition.state, points.data, wish.subscribe))
+
     assert told == [
         ("supervisor", "ready", False, False),
         ("supervisor", "waiting_relloc", False, False),
@@ -194,11 +200,13 @@ def test_packages_are_positions_as_shares_of_their_belts(table: Routes) -> None:
     strip = package(4).model_copy(update={"surface": "strip", "surface_id": "0", "surface_position_m": 99.0})
     (value,) = sent(row, objects(package(12), free, strip), scene, "conveyor")
     listed = {each.uid: (each.position.name, each.position.position, each.type) for each in value.packages}
+
     assert listed == {12: ("part_a", 0.5, 1), 7: ("part_b", 0.5, 0), 4: ("strip_0", 1.0, 1)}
     assert {each.uid: each.length for each in value.packages}[12] == pytest.approx(0.3)
     scene.take("conveyor", objects(package(2)), NOW_NS + MAX_TRACKER_AGE_NS + 1)
     (value,) = row.convert(objects(), "conveyor", scene)
     assert [each.uid for each in value.packages] == [2], "the other tracker is silent"
+
     thing = models.Thing(id="19-2", center_m=(0.0, 1.0, 0.0), size_m=(0.3, 0.3, 0.3), strip="0")
     scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS + MAX_TRACKER_AGE_NS + 1)
     (value,) = row.convert(objects(), "conveyor", scene)
@@ -226,10 +234,12 @@ def test_pointers_have_cursor_positions_and_hovered_packages(table: Routes) -> N
     scene.take("user1", models.Hover(stamp_ns=NOW_NS, object_id="19-4"), NOW_NS)
     (value,) = sent(out(table, "pointers"), CURSOR, scene)
     first, second = value.pointers
+
     assert (first.user_name, first.position.name, first.position.position) == ("user1", "part_a", 0.25)
     assert (first.size, first.distance, first.cmap, first.color.g) == (0.25, 0.25, "jet", 1.0)
     assert first.overlay.uids.tolist() == [4]
     assert (second.user_name, second.position.name) == ("user2", "")
+
     (value,) = sent(out(table, "pointers"), models.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
     assert [each.position.name for each in value.pointers] == ["", ""]
     scene.forget("user2")
@@ -266,6 +276,7 @@ def test_selected_thing_is_a_detection_of_the_person(
         stamp_ns=NOW_NS, event=event, object_id=thing, user="anna", confidence=0.93
     )
     values = {name: sent(out(table, name), message, scene, "") for name in ("thing_on", "thing_off")}
+
     assert [name for name, value in values.items() if value] == ([told] if told else [])
     for value in values.get(told, []):
         (result,) = value.results
@@ -347,21 +358,25 @@ def test_markers_show_the_scene_and_delete_ended_ones(table: Routes) -> None:
     )
     scene.take("", selection, NOW_NS)
     scene.take("conveyor", objects(package(1), package(2)), NOW_NS)
+
     (value,) = sent(row, CURSOR, scene)
     assert keys(value) == {
         *(("user1/name", 0), ("user1/place", 0), ("user1/ray", 0), ("user1/cursor", 0), ("objects", 1)),
         *(("objects", 2), ("selected", 2)),
     }
     assert not keys(value, DELETE)
+
     ray = next(marker for marker in value.markers if marker.ns == "user1/ray")
     assert [(point.x, point.y, point.z) for point in ray.points] == [(0.0, 0.5, 2.0), (0.0, 0.5, 0.0)]
     assert ray.lifetime.sec == 2
+
     red = next(marker for marker in value.markers if marker.ns == "objects" and marker.id == 1)
     assert red.color.r == 1.0
     scene.take("conveyor", objects(package(2)), NOW_NS)
     (value,) = sent(row, models.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
     assert keys(value) == {("user1/name", 0), ("user1/place", 0), ("objects", 2), ("selected", 2)}
     assert keys(value, DELETE) == {("user1/ray", 0), ("user1/cursor", 0), ("objects", 1)}
+
     (value,) = sent(row, models.Interaction(stamp_ns=NOW_NS, state="idle"), scene)
     assert not keys(value, DELETE)
 
@@ -403,10 +418,12 @@ def test_the_map_replaces_what_was_drawn_before(table: Routes) -> None:
         *(("boxes", 1), ("strips", 2)),
     }
     assert [marker.text for marker in value.markers if marker.ns == "things/names"] == ["nuts"]
+
     plane = next(marker for marker in value.markers if marker.ns == "planes")
     normal = rotation.rotate(turned(plane.pose.orientation), (0.0, 0.0, 1.0))
     assert abs(vector.dot(normal, (1.0, 0.0, 0.0))) == pytest.approx(1.0)
     assert (plane.scale.x, plane.scale.y) == (2.0, 4.0)
+
     empty = models.Environment(stamp_ns=NOW_NS, name="empty")
     (value,) = sent(out(table, "map_markers"), empty, furnished(), "")
     assert [marker.action for marker in value.markers] == [DELETE_ALL]
@@ -448,11 +465,13 @@ def test_robot_and_plan_have_the_colour_of_their_user() -> None:
         row, models.RobotPlan(stamp_ns=NOW_NS, line_m=((3.0, 2.0, 1.5),), user="user1"), scene, "quad"
     )
     drawn = {(marker.ns, marker.id): marker for marker in value.markers if marker.action == ADD}
+
     assert set(drawn) == {
         *(("robot quad", 0), ("robot quad/front", 0), ("robot quad/name", 0), ("robot quad/place", 0)),
         *(("robot quad/plan", 0), ("robot quad/target", 0), ("user1/waypoints", 0)),
         ("user1/waypoints", 1),
     }
+
     body = drawn["robot quad", 0]
     plan = drawn["robot quad/plan", 0]
     assert (body.color.r, body.color.b, body.scale.x) == (0.0, 1.0, 0.4)
@@ -481,6 +500,7 @@ def test_fences_are_outlines_at_their_heights() -> None:
     row = out(routes(), "map_markers")
     (value,) = sent(row, ROOM.model_copy(update={"fences": fences}), scene, "")
     drawn = {(marker.ns, marker.id): marker for marker in value.markers if marker.ns.startswith("fences")}
+
     assert set(drawn) == {
         ("fences/keep_in/0", 0),
         ("fences/keep_out/0", 1),
@@ -488,6 +508,7 @@ def test_fences_are_outlines_at_their_heights() -> None:
         ("fences/names", 0),
         ("fences/names", 1),
     }
+
     top = drawn["fences/keep_out/1", 1]
     closed = [(x, y, 2.0) for x, y in (*corners, corners[0])]
     assert [(point.x, point.y, point.z) for point in top.points] == closed

@@ -58,6 +58,7 @@ async def test_route_is_notified_of_its_first_reader(monkeypatch: pytest.MonkeyP
         take(bridge, RAY, ray(1))
         assert len(bridge.heard(RAY_ROS, RAY_TYPE)) == 1
         assert not begun
+
         bridge.look()
         bridge.look()
         assert begun == [1]
@@ -140,6 +141,7 @@ async def test_clock_repetitions_end_with_the_clock_of_the_site() -> None:
     short = [dataclasses.replace(row, repeat_for_s=0.1) for row in table.outward if row.name == "clock"]
     assert CLOCK_S * NS_PER_S == SILENT_NS, "ROS and the site agree on when a clock has ended"
     assert [row.repeat_for_s for row in table.outward if row.name == "clock"] == [CLOCK_S]
+
     async with bench(jazzy(), dataclasses.replace(table, outward=tuple(short)), is_read=True) as bridge:
         take(bridge, CLOCK, ClockTick(stamp_ns=START_NS, seq=1, sim_ns=START_NS, speed=2.0), "")
         await until(lambda: len(bridge.backend.sent["/clock"]) > 1)
@@ -147,6 +149,7 @@ async def test_clock_repetitions_end_with_the_clock_of_the_site() -> None:
         count = len(bridge.backend.sent["/clock"])
         await asyncio.sleep(0.1)  # five periods: nothing to wait for
         assert len(bridge.backend.sent["/clock"]) == count
+
         take(bridge, CLOCK, ClockTick(stamp_ns=START_NS, seq=2, sim_ns=START_NS, speed=2.0), "")
         await until(
             lambda: len(bridge.backend.sent["/clock"]) > count + 1, what="the next one to be repeated"

@@ -28,6 +28,7 @@ def test_attachment_matches_that_of_running_nodes() -> None:
     senders = {token.split("/")[9].replace("%", "/"): gid(token) for token, _ in wire["tokens"][1:]}
     assert len(wire["samples"]) == 4
     assert len(wire["calls"]) == 3
+
     for sample in wire["samples"]:
         data = bytes.fromhex(sample["attachment"])
         attachment = unpacked(data)
@@ -247,6 +248,7 @@ def test_written_tokens_match_those_of_a_genuine_node() -> None:
     genuine = {int(text.split("/")[4]): (text, identity) for text, identity in TOKENS}
     assert len(genuine) == 27
     assert {parsed(text) for text, _ in TOKENS} >= {NODE, RAY}
+
     ours = RmwZenoh(session=SESSION, node="/user1/belt", domain=7)
     assert ours.node_token() == genuine[0][0]
     for number in range(1, len(genuine)):
@@ -268,10 +270,12 @@ def test_bridges_recognize_each_other_by_their_enclave() -> None:
     token = other.endpoint_token("publisher", "/x", POSE, SENSOR)
     seen = ours.read(token)
     own = other.read(token)
+
     assert seen.endpoint is not None
     assert (seen.endpoint.is_ours, seen.endpoint.is_bridge, seen.bridge_gid) == (False, True, gid(token))
     assert own.endpoint is not None
     assert (own.endpoint.is_ours, own.endpoint.is_bridge, own.bridge_gid) == (True, False, None)
+
     plain = RmwZenoh(session="cd", node="/pointit", domain=7)
     stranger = plain.endpoint_token("publisher", "/x", POSE, SENSOR)
     for reader, text in ((plain, token), (ours, stranger)):

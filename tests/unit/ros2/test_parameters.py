@@ -247,6 +247,7 @@ async def test_unreachable_parameter_services_are_reported_with_the_cause() -> N
         "node /pui is of Humble, whose services no node of jazzy can ask; set distro to humble",
         other(hash="TypeHashNotSupported"),
     )
+
     await refused(
         f"node /pui has another definition of {LIST} than jazzy; set distro to theirs",
         other(hash="RIHS01_" + "0" * 64),

@@ -92,6 +92,7 @@ async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire, ours: 
     writer = ours.backend.advertise("/both", BOOL, QOS)
     for _ in range(20):
         writer.put(TRUE)
+
     publisher.publish(TRUE)
     await until(lambda: bool(heard))
     writer.put(TRUE)
@@ -100,6 +101,7 @@ async def test_messages_go_both_ways_and_ours_never_come_back(wire: Wire, ours: 
     assert heard == [fake_rclpy.PADDED, b"\0\1\0\0\0\0\0\0"]
     assert len(they_heard) == 23
     assert threads == {threading.get_ident()}
+
     reader.close()
     reader.close()
     publisher.publish(TRUE)
@@ -139,6 +141,7 @@ async def test_reader_is_bounded_and_survives_a_failing_handler(
         assert executor is not None
         taken = threading.Event()
         executor.create_task(taken.set)
+
         assert taken.wait(60)  # the loop stands still meanwhile
         await until(lambda: bool(heard))
         assert [cdr[4] for cdr in heard] == list(range(136, 200))
@@ -219,10 +222,12 @@ async def test_graph_is_reported_with_its_problems(wire: Wire, ours: Ours) -> No
     assert ours.sees("server", "/stop")
     assert ours.graphs[-1].nodes == {"/site1/pointit", "/a/robot"}
     assert "node /a/robot on /in does not match" in ours.now["QoS of /in"]
+
     # the same names, but another quality: seen a few looks later
     wire.ends["publisher"].remove(publisher)
     robot.create_publisher(fake_rclpy.Bool, "/in", profile(latched=True))
     await until(lambda: "QoS of /in" not in ours.now, 10)
+
     wire.node("pointit", "/site1")
     await until(lambda: "another ROS node is called /site1/pointit" in ours.now.get("node", ""))
     robot.destroy_node()
@@ -262,6 +267,7 @@ async def test_closed_endpoints_do_nothing(wire: Wire, ours: Ours) -> None:
     subscription.callback(TRUE, {"source_timestamp": 0})
     await ours.backend.close()
     await ours.backend.close()
+
     assert not wire.nodes
     assert not ours.now
     subscription.callback(TRUE, {"source_timestamp": 0})
@@ -275,6 +281,7 @@ async def test_closed_endpoints_do_nothing(wire: Wire, ours: Ours) -> None:
     ):
         with pytest.raises(BusClosedError):
             use()
+
     reader.close()
     writer.close()
     with pytest.raises(BusClosedError):

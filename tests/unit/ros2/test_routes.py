@@ -75,6 +75,7 @@ def test_file_changes_routes_and_disabled_ones_free_their_names(tmp_path: Path) 
     table = routes(path)
     rows = {row.name: row for row in table.all}
     scene = ConversionState(jazzy(), world=table.file.world)
+
     ray = next(row for row in table.outward if row.name == "pointing_ray")
     assert (ray.ros, ray.rate_hz) == ("/{user}/ray", 5)
     assert scene.frames.resolve(rows["pose"].frame, "anna") == "map"

@@ -286,12 +286,15 @@ async def test_ros_user_with_a_cursor_stays_while_their_ray_comes(
     site.backend.watchers[0](seen)
     site.wishes()
     await until(lambda: "anna" in site.people and site.states == ["pointing"])
+
     reports = site.bench.collect(topics.HEALTH)
     await until(lambda: len(reports) >= 1)
     assert site.people == {"anna"}
+
     site.backend.watchers[0](graph(("publisher", "/ben/pointing_ray")))
     await until(lambda: "anna" not in site.people and site.states == ["pointing", "idle"])
     assert "nothing of theirs comes any more" in site.interactions[-1].reason
+
     of_bridge = frozenset(replace(each, is_bridge=True) for each in seen.endpoints)
     site.backend.watchers[0](replace(seen, endpoints=of_bridge))  # of another PointIt: it keeps nobody
     site.wishes()
@@ -321,6 +324,7 @@ async def test_pointit_services_replace_ros_nodes_until_they_end(site: Site, lea
     await site.here()
     site.wishes()
     await until(lambda: site.states[-1:] == ["pointing"])
+
     ours = [
         site.bench.bus.announce(topics.SERVICE_ALIVE, leader),
         site.bench.bus.announce(topics.USER_ALIVE, "anna"),
@@ -335,10 +339,12 @@ async def test_pointit_services_replace_ros_nodes_until_they_end(site: Site, lea
     assert RAYS not in site.backend.readers
     await until(lambda: site.backend.writers.keys() >= THEIRS)
     assert site.states[-1] == "pointing", "what comes next is our supervisor's to say"
+
     site.wishes(subscribe=False)
     for end in ours:
         end.close()
     await until(lambda: not site.people and RAYS in site.backend.readers)
+
     site.rays.clear()
     await site.here()
     await until(lambda: site.states[-1] == "idle" and not site.warnings)

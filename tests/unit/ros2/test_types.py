@@ -329,6 +329,7 @@ def test_the_manifest_names_what_is_used(package: str) -> None:
     assert manifest.findtext("license") == "MIT"
     assert manifest.findtext("member_of_group") == "rosidl_interface_packages"
     assert manifest.findtext("exec_depend") == "rosidl_default_runtime"
+
     used = {
         name
         for path in folder.glob("*/*")
@@ -336,6 +337,7 @@ def test_the_manifest_names_what_is_used(package: str) -> None:
     }
     depends = {each.text for each in manifest.findall("depend")}
     assert used - {package} == depends
+
     cmake = (folder / "CMakeLists.txt").read_text(encoding="utf-8")
     assert all(f"find_package({name} REQUIRED)" in cmake for name in depends)
     assert {each.text for each in manifest.findall("buildtool_depend")} <= set(

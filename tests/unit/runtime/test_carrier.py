@@ -198,6 +198,7 @@ async def test_undo_reaches_all_targets_but_those_that_failed() -> None:
         home.carrier.use({"lamp": [done, failing], "slow": [slow], "refused": [failing]})
         for name in ("lamp", "slow", "refused"):
             await home.act(name)
+
         await until(lambda: [each.result for each in home.results].count("failed") == 3, 10.0)
         slow.state = slow.state.model_copy(update={"state": "on"})
         for name in ("lamp", "slow", "refused"):
@@ -205,6 +206,7 @@ async def test_undo_reaches_all_targets_but_those_that_failed() -> None:
         await until(lambda: slow.state.state == "off", 10.0)
         assert [each.on for each in done.acts] == [True, False]
         assert [each.on for each in failing.acts] == [True, True], "there is nothing to take back"
+
         await home.act("refused", number=3)
         assert [each.on for each in failing.acts] == [True, True, True]
 

@@ -84,15 +84,18 @@ async def test_a_site_clock_follows_the_tick_of_another_participant(wall: Wall, 
     follower = SiteClock(bus)
     wall.step(2)
     assert (follower.speed, follower.now_ns()) == (1.0, time.time_ns())
+
     publisher = bus.publisher(CLOCK)
     publisher.put(source.tick())
     await handled()
     assert (follower.speed, follower.now_ns()) == (10.0, source.now_ns())
+
     wall.step(5)
     assert follower.now_ns() == source.now_ns()
     late = SiteClock(bus)  # the tick is a state: who comes later follows too, although the tick is old
     await handled()
     assert late.now_ns() == source.now_ns()
+
     follower.close()
     publisher.put(SimulatedClock(3.0).tick())
     await handled()
@@ -135,6 +138,7 @@ async def test_a_clock_that_is_ahead_waits_without_going_backwards(wall: Wall, b
         wall.step(0.01)
         times.append(follower.now_ns())
         errors.append(follower.now_ns() - source.now_ns())
+
     assert errors[0] == 2 * NS_PER_S
     assert errors[20] == NS_PER_S
     assert errors[40:] == [0] * 11
@@ -158,6 +162,7 @@ async def test_a_restarted_source_is_followed_at_once(wall: Wall, bus: MemoryBus
         assert (follower.speed, follower.now_ns()) == (speed, source.now_ns())
     wall.step(60)
     source = SimulatedClock(1.5)
+
     assert follower.now_ns() < source.now_ns()
     publisher.put(source.tick())
     await handled()

@@ -112,9 +112,11 @@ def test_an_error_names_the_source_that_took_precedence() -> None:
     layers.add_environment({"POINTIT_X__ARM__LENGTH_M": "longer"}, "POINTIT_X__")
     with pytest.raises(ConfigError, match=r"^variable POINTIT_X__ARM__LENGTH_M: arm.length_m: .*'longer'"):
         layers.build(Sample)
+
     layers.add_text(("arm", "length_m"), "-1", "--arm.length-m")
     with pytest.raises(ConfigError, match=r"^--arm.length-m: arm.length_m: .*got -1"):
         layers.build(Sample)
+
     layers.add_text(("arm", "length_m"), "1", "--arm.length-m")
     assert layers.build(Sample).arm == Arm(length_m=1, side="left")
     layers.add_environment({"POINTIT_X__COUNTT": "3"}, "POINTIT_X__")

@@ -102,6 +102,7 @@ def test_replaced_file_writes_to_pipes_and_devices_themselves(tmp_path: Path) ->
         os.close(reader)
     with replaced_file(Path("/dev/null")) as part:
         part.write_text("away")
+
     assert Path("/dev/null").is_char_device()
     with (
         pytest.raises(ConfigError, match="/dev/full: cannot be written"),

@@ -63,6 +63,7 @@ async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
     writer = bench.bus.publisher(IMU, "anna")
     silent = bench.view.report()
     assert (of(silent, IMU.key, "in").rate_hz, of(silent, IMU.key, "in").age_s) == (0, None)
+
     for seq in range(20):
         now_s[0] += 0.1
         writer.put(ImuSample(stamp_ns=1, seq=seq, orientation_xyzw=LEVEL))
@@ -70,11 +71,13 @@ async def test_rates_and_ages(bench: Bench, now_s: list[float]) -> None:
             out.put(ButtonEvent(stamp_ns=1))
         await asyncio.sleep(0)
     now_s[0] += 0.5
+
     health = bench.view.report()
     assert of(health, IMU.key, "in").rate_hz == pytest.approx(20 / 2.5)
     assert of(health, IMU.key, "in").age_s == pytest.approx(0.5)
     assert of(health, BUTTON.key, "out").rate_hz == pytest.approx(10 / 2.5)
     assert of(health, BUTTON.key, "out").age_s == pytest.approx(0.5)
+
     now_s[0] += 1
     later = bench.view.report()
     assert of(later, IMU.key, "in").rate_hz == 0
@@ -199,6 +202,7 @@ async def test_closed_declarations_are_forgotten_but_still_counted(bench: Bench,
             now_s[0] += 0.01
             writer.put(ImuSample(stamp_ns=stamp_ns * NS_PER_S, seq=seq, orientation_xyzw=LEVEL))
             await asyncio.sleep(0)
+
         await until(lambda: reader.traffic.received == 4)
         for each in (reader, *rest) * 2:  # the second time changes nothing
             each.close()
@@ -255,16 +259,19 @@ async def test_plugin_reaches_neither_the_bus_nor_what_others_show(bench: Bench)
         "set_metric",
         "reached",
     }
+
     bench.view.warn("mounting", "the service's own")
     bench.view.set_metric("drift", 1.0)
     for part, value in ((one, 2.0), (other, 3.0)):
         part.warn("mounting", f"of {value}")
         part.set_metric("drift", value)
     one.set_metric("battery", 82.0, "%")
+
     health = bench.view.report()
     assert set(health.warnings) == {"the service's own", "of 2.0", "of 3.0"}
     metrics = {figure.name: figure.value for figure in health.figures}
     assert metrics == {"drift": 1.0, "drift of one": 2.0, "drift of other": 3.0, "battery": 82.0}
+
     one.warn("mounting", "")
     other.clear("mounting")
     one.set_metric("drift", None)
@@ -335,15 +342,18 @@ async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: 
         for stamp_ns, number in ((10_000_000_000 + seq, seq), (1_000_000_000 + seq, 100 + seq)):
             writer.put(ImuSample(stamp_ns=stamp_ns, seq=number, orientation_xyzw=LEVEL))
             await asyncio.sleep(0)
+
     await until(lambda: len(seen) == 10)
     assert seen == list(range(10))
     report = bench.view.report()
     assert report.status == "degraded"
     assert report.warnings[0].startswith("10 messages on users/anna/imu were older than those before them")
+
     (problem,) = report.problems
     assert (problem.code, problem.topic, problem.sentence) == ("late", IMU.key, report.warnings[0])
     now_s[0] += 4.0
     assert bench.view.report().warnings
+
     now_s[0] += 2.0
     assert not bench.view.report().warnings
 
@@ -377,11 +387,13 @@ async def test_messages_too_late_to_act_on_are_dropped_and_reported(bench: Bench
         bench.clock.advance(wait_s)
         writer.put(ImuSample(stamp_ns=began_ns + seq * 20_000_000, seq=seq, orientation_xyzw=LEVEL))
         await asyncio.sleep(0)
+
     await until(lambda: len(looks) == len(waits_s))
     assert acts == [*range(10), 20], "the last one need not be in time"
     report = bench.view.report()
     assert report.status == "degraded"
     assert report.warnings[0].startswith("10 messages on users/anna/imu arrived after newer ones")
     assert "the last by 1.8 s" in report.warnings[0]
+
     now_s[0] += 6.0
     assert not bench.view.report().warnings

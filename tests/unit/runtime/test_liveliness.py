@@ -91,6 +91,7 @@ def test_the_loop_learns_what_is_present_each_change_once(changes: list[str | No
             network.present ^= {token[:MAX_TOKEN_CHARACTERS]}
             network.report(token, is_present=token[:MAX_TOKEN_CHARACTERS] in network.present)
             assert len(network.waiting) <= 1, "one wake-up for all"
+
     network.handle()
     assert told == network.present
     network.report("c", is_present=True)

@@ -146,6 +146,7 @@ async def test_health_names_plugin_and_line_that_have_blocked_the_loop(
     monkeypatch.setattr(plugin_guard, "SHOWN_S", 0.01)
     plugin_guard.guard_of(SOURCES, "serial", sink)
     assert asyncio.get_running_loop() not in plugin_guard._watches, "ours are not watched"
+
     other = Sink()
     entries = "blocking = strangers_blocking:BLOCKING"
     source = """
@@ -167,6 +168,7 @@ def block(stop):
         )
         assert other.last == sink.last
         await until(lambda: not (sink.shown or other.shown))
+
         called = find_culprit_in(block)
         assert called == ("strangers_blocking", "strangers_blocking.py:3 in block", ""), (
             "also below its calls"

@@ -210,6 +210,7 @@ async def test_health_and_refusals_have_no_secret() -> None:
         bench.bus.subscribe(SERVED, lambda request, _name: told.append(request.refusal))
         view.warn("hub", f"http://me:{SECRET}@hub/x cannot be reached")
         assert view.report().warnings == ("http://hub/... cannot be reached",)
+
         view.serve(SET_THING, refuse)
         for expected in ("mqtt://***@hub", "http://hub/..."):
             with pytest.raises(RefusedError) as caught:

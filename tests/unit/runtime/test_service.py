@@ -117,6 +117,7 @@ async def test_service_is_present_and_reports_while_it_runs(bench: Bench) -> Non
     assert bench.health[0].instance == "worker.anna"
     assert bench.exchange.states[topics.PROFILE.key]
     assert bench.exchange.handler_for(topics.SET_BRIGHTNESS, "") is not None
+
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
@@ -206,10 +207,12 @@ async def test_service_restarts_when_its_clock_is_set_back_too_far(
     launch = Launch(service=kind, config=Config(), user="anna")
     task = asyncio.create_task(run_service(launch, bench.bus, clock))
     await until(lambda: bool(bench.health))
+
     (first,) = Worker.running
     before_ns = first.clock.now_ns()
     clock.advance(-back_s)
     assert (first.clock.now_ns() >= before_ns) is (kind is Worker)
+
     reports = len(bench.health)
     await until(lambda: len(bench.health) > reports + 3)
     assert len(Worker.running) == count
@@ -217,6 +220,7 @@ async def test_service_restarts_when_its_clock_is_set_back_too_far(
     if count > 1:
         assert Worker.running[-1].clock.now_ns() == clock.now_ns()
         assert bench.alive == {"worker.anna": True, "anna": True}
+
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
     assert not bench.bus.declarations

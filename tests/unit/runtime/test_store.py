@@ -96,6 +96,7 @@ def test_killed_writer_loses_nothing_and_excludes_a_second_while_alive(store: St
         child.kill()
         child.communicate(timeout=10)
     after = Store(store.path, LAYOUT)
+
     assert after.open(NOW, read) == ["a", "b", "c"]
     assert after.problem == ""
     after.close()
@@ -143,10 +144,12 @@ def test_damaged_file_is_set_aside_and_told_for_a_day(store: Store, damage: Call
     with pytest.raises(sqlite3.DatabaseError):
         words_of(store)
     assert store.open(NOW, read) == []
+
     [aside] = store.path.parent.glob("book.corrupt-*.sqlite")
     assert aside.read_bytes() == content
     assert write(store, "a")
     assert f"was damaged and is now {aside.name}" in store.problem
+
     store.close()
     for now_ns, is_told in ((NOW + SHOWN_NS, True), (NOW + SHOWN_NS + 1, False)):
         later = Store(store.path, LAYOUT)  # of a process that did not set it aside
@@ -259,6 +262,7 @@ def test_slow_disk_is_reported_and_what_can_wait_rests(store: Store, monkeypatch
     assert write(store, "b"), "what cannot wait is written"
     assert write(store, "c")
     assert "is on a slow disk" in store.problem
+
     duration_s[0] = 0.01
     assert write(store, "d")
     assert not store.problem

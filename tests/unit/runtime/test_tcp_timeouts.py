@@ -130,6 +130,7 @@ def test_only_the_peers_connection_is_closed_in_any_notation(family: str, host: 
         assert len({peer(each, port) for each in spellings}) == 1
         assert cut({peer(accepted.getpeername()[0], port)}) == 1
         assert accepted.recv(1) == b""
+
         accepted.sendall(b"x")
         assert client.recv(1) == b"x", "what waits is still sent"
         its_end.sendall(b"x")

@@ -96,6 +96,7 @@ def test_box_is_located_by_three_top_corners_and_one_below() -> None:
         )
     ]
     box = box_of(corners)
+
     assert sorted(box.size[:2]) == pytest.approx([0.4, 0.8], abs=0.01)
     assert box.size[2] == pytest.approx(0.8)
     assert box.yaw_deg % 90 == pytest.approx(30, abs=0.2)

@@ -173,6 +173,7 @@ def test_strip_swapped_with_one_of_another_pitch_is_not_identified() -> None:
     rng = np.random.default_rng(4)
     count = {spec.name: spec.count for spec in strips}
     swap = {"left": "post", "post": "left"}
+
     views = [
         CameraView(
             1280,
@@ -207,6 +208,7 @@ def test_swap_with_a_shorter_strip_is_suggested_as_the_reason() -> None:
         for view in photographs(4, marks=200)
     ]
     left = solve(specs(), LAMPS, views).strips["left"]
+
     assert not left.identified
     assert left.reason == (
         "no two views show pixels 60 to 89: photograph that part, or correct its count, "

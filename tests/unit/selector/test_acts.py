@@ -122,10 +122,12 @@ def test_act_fails_when_its_carrier_is_late_or_ends(*, is_dead: bool) -> None:
         assert home.outcomes == []
         home.point(80.0, 0.5)
     (outcome,) = home.outcomes
+
     assert (outcome.result, outcome.code) == ("failed", "unavailable" if is_dead else "no_answer")
     assert home.selected == []
     home.tell("done", state="on")
     assert len(home.outcomes) == 1, "what comes late is not told again"
+
     if is_dead:
         home.set("lamp")
         assert home.cues[-1] == ("anna", "refused", "home has ended: start it again")
@@ -177,10 +179,12 @@ def test_newest_act_on_a_switch_counts_for_any_person() -> None:
     assert [(each.event_ns, each.code) for each in home.outcomes] == [
         (on.stamp_ns, "replaced"), (off.stamp_ns, "replaced"),
     ]  # fmt: skip
+
     home.tell("failed", event=on, code="replaced", state="off")
     assert home.selected == [("lamp", True)]
     home.tell("done", event=again, state="on")
     assert home.selected == [("lamp", False)]
+
     late = "lamp: it was switched again before it was done"
     assert home.cues == [
         ("anna", "refused", late), ("bert", "refused", late), ("carl", "selected", "lamp selected"),

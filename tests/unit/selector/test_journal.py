@@ -202,10 +202,12 @@ def test_unwritable_records_are_kept_and_written_later(tmp_path: Path) -> None:
     for seq in range(1, MAX_PENDING + 10):
         journal.add(selected(f"object {seq}", seq))
         journal.commit(NOW)
+
     assert "cannot be written (database is locked)" in journal.problem
     other.close()
     journal.commit(NOW + S)
     assert journal.problem  # not tried again too soon
+
     journal.maintain(NOW + RETRY_EVERY_NS + 1, is_selected=True)
     assert journal.problem == ""
     journal.close()
@@ -261,9 +263,11 @@ def test_flood_of_refusals_keeps_the_size_limit_and_all_selections(
         tuple(refused(f"{seq} ".ljust(MAX_ID, "x"), seq) for seq in range(at, at + 20))
         for at in range(100, 6_100, 20)
     ]
+
     assert flood(journal, tuple(hers + over), *rounds) < 0.33e6 + CHECKPOINT_BYTES
     journal.close()
     assert journal.path.stat().st_size < 0.33e6
+
     with opened(tmp_path, max_mb=0.3) as (_, kept):
         pass
     assert set(kept.entries) == {one.object_id for one in hers}

@@ -66,11 +66,13 @@ def test_new_method_resets_progress_and_keeps_selections_and_reservations(before
     room.stay(0.7, anna=2.0)
     room.stay(0.45, anna=5.0)
     assert room.hovers["anna"][-1].progress > 0.3
+
     switch(room, after, 0.9)
     selection = room.selecting.selection(room.now_ns)
     assert {one.id: one.user for one in selection.objects} == {"b": "anna"}
     assert [(one.id, one.user) for one in selection.reserved] == [("a", "anna")]
     assert isinstance(selection.reserved[0], ReservedObject)
+
     room.stay(0.02, anna=5.0)
     assert room.hovers["anna"][-1].progress < 0.2
     assert seconds_to_select(room) > 0.5
@@ -100,11 +102,13 @@ async def test_service_reports_its_method_and_changes_it_while_running() -> None
         reply = await ask(site)
         assert (reply.method, reply.dwell_s) == ("gauge", 0.5)
         assert reply.message == "staying on an object for 0.5 s selects it: gauge"
+
         await site.stay("anna", 1.0, "a", "b")
         assert site.owners == [("a", "anna")]
         reply = await ask(site, method="fraction", dwell_s=2.0)
         assert (reply.method, reply.dwell_s) == ("fraction", 2.0)
         assert reply == await ask(site)
+
         await site.stay("anna", 2.0, "a", "b")
         assert site.told == [("selected", "a", "anna")]
         await site.stay("anna", 2.0, "a", "b")

@@ -97,6 +97,7 @@ def test_objects_follow_a_curved_line(position_m: float, speed_mps: float, age_s
     expected = vector.add(line.point_at(reached_m), (0.0, 0.0, 0.2))
     eyes = (3.0, -1.0, 1.6)
     direction = vector.normalized(vector.subtract(expected, eyes))
+
     view = look(looked, Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction))
     seen = there(view.snapped("a", Cursor(stamp_ns=at(age_s), origin_m=eyes, direction=direction), SNAP))
     # nearest to a ray through its centre is that centre; a short way on an arc is taken to be straight, so

@@ -162,6 +162,7 @@ def test_selection_survives_a_flicker_of_the_tracker_but_no_departure() -> None:
         room.stay(0.3, 50.0, anna=5.0)
         room.objects = objects
         room.stay(0.3, 50.0, anna=5.0)
+
     assert room.told == [("selected", "a", "anna")]
     assert room.owners == {"a": "anna"}
     room.objects = ()
@@ -235,10 +236,12 @@ def test_object_has_one_owner_and_events_agree_with_any_actions(
         ids = [one.id for one in room.selecting.selection(room.now_ns).objects]
         assert len(ids) == len(set(ids))
     room.wait(2.0)
+
     assert set(room.owners) <= {one.id for one in room.objects}
     for selection in room.selections:
         assert len({one.id for one in selection.objects}) == len(selection.objects)
         assert len({one.id for one in selection.reserved}) == len(selection.reserved)
+
     story: dict[str, str] = {}
     for record in room.records:
         if record.event == "selected":
@@ -251,5 +254,6 @@ def test_object_has_one_owner_and_events_agree_with_any_actions(
         elif record.owner:  # refused, as another person has it
             assert story[record.object_id] == record.owner != record.user or record.cause == "undo"
     assert room.owners == story
+
     told = [record.seq for record in room.records if record.seq is not None]
     assert told == [event.seq for event in room.events] == list(range(1, len(told) + 1))

@@ -56,6 +56,7 @@ async def test_selections_survive_a_kill_and_counting_goes_on(kill: Callable[[st
         # of the last event it was not written yet that it was told; who reads can tell that it is the same
         assert [event.model_copy(update={"reason": ""}) for event in again] == events[-len(again) :]
         assert {event.reason for event in again} == {REPEATED_REASON}
+
         await site.stay("carl", 1.0, "a", "b")
         assert [(event.event, event.user, event.seq) for event in again[-1:]] == [("refused", "carl", 3)]
         assert site.selections[-1].objects == before
@@ -100,6 +101,7 @@ async def test_audit_has_time_and_place_of_departures_without_a_selector(
         bench.start(Selector)
         await bench.settle()
         assert after[-1].objects == ()
+
     rows = audited()
     assert [(row["event"], row["object_id"]) for row in rows] == [("selected", "a"), ("left", "a")]
     assert (rows[-1]["stamp_ns"], rows[-1]["reason"]) == (left_ns, "left at bay 1")

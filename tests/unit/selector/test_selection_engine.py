@@ -113,15 +113,18 @@ def test_only_a_press_selects_the_object_hovered_before_with_confirmation(method
     room.stay(2.0, 100.0, anna=5.0)
     assert room.events == []
     assert room.hovers["anna"][-1].progress == 1.0  # ready
+
     room.stay(0.1, 100.0, anna=6.0)  # the click moved the arm
     press(room, "anna", room.time_s)
     assert room.told == [("selected", "a", "anna")]
     assert room.events[0].cause == "button"
+
     press(room, "anna", room.time_s)  # the same press again
     assert len(room.events) == 1
     room.stay(1.0, 100.0, anna=6.0)
     press(room, "anna", room.time_s, "double")
     assert len(room.events) == 1
+
     press(room, "anna", room.time_s)
     assert room.told[1:] == [("selected", "b", "anna")]
 

@@ -32,16 +32,19 @@ async def test_staying_selects_an_object_until_it_leaves() -> None:
         events = site.events
         hovers = site.hovers["anna"]
         assert [one.objects for one in site.selections] == [()], "who joins late knows at once"
+
         await site.stay("anna", 2.05, "a", "b")
         assert [(e.event, e.object_id, e.kind, e.user) for e in events] == [("selected", "b", "red", "anna")]
         assert site.owners == [("b", "anna")]
         assert [cue.cue for cue in site.cues["anna"]] == ["selected"]
         assert (len(hovers), hovers[-1].stamp_ns) == (25, site.clock.now_ns())
         assert {hover.object_id for hover in hovers} == {"b"}
+
         rising = [hover.progress for hover in hovers if hover.stamp_ns < events[0].stamp_ns]
         assert rising == sorted(rising)
         assert rising[0] == 0.0
         assert rising[-1] > 0.8
+
         for _ in range(2):
             site.bench.put(topics.OBJECTS, objects(site.clock, "a"), "conveyor")
             await site.bench.settle()
@@ -102,9 +105,11 @@ async def test_unavailable_carrier_is_a_warning_while_its_things_are_refused() -
         carrier.close()
         await site.bench.settle()
         site.clock.advance(1.0)
+
         await until(
             lambda: site.warns("acts on radio are refused: hue has ended: start it again"), what="its end"
         )
+
         for _ in range(3):
             site.clock.advance(30.0)
             await site.bench.settle(3)
@@ -151,15 +156,18 @@ async def test_undo_and_release_reply_with_the_change_or_the_reason() -> None:
             await call(topics.UNDO_SELECTION, UndoSelection(), "anna")
         with pytest.raises(RefusedError, match="object a is not selected"):
             await call(topics.RELEASE_OBJECT, ReleaseObject(object_id="a"), "boss")
+
         nothing = await call(topics.CLEAR_SELECTION, ClearSelection(), "nobody")
         assert nothing.message.startswith("0 ")
         await site.stay("anna", 1.0, "a")
         taken = await call(topics.RELEASE_OBJECT, ReleaseObject(object_id="a", take_over=True), "ben")
         assert taken.message == "red a deselected, red a selected"
+
         await site.bench.settle()
         assert site.owners == [("a", "ben")]
         with pytest.raises(RefusedError, match="red is ben's by now"):
             await call(topics.UNDO_SELECTION, UndoSelection(), "anna")
+
         undone = await call(topics.UNDO_SELECTION, UndoSelection(), "ben")
         assert undone.message == "red a deselected, red a selected"
         await site.bench.settle()

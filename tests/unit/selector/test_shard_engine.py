@@ -61,6 +61,7 @@ def test_object_pointed_at_stays_selected_when_a_shard_starts() -> None:
     site = a_site()
     rest(site, 0.5, by_site=True)
     assert told(site) == ["selected"]
+
     site.shards["anna"] = ShardEngine(site.config)
     site.shards["anna"].on_map(MAP)
     site.meet()
@@ -68,6 +69,7 @@ def test_object_pointed_at_stays_selected_when_a_shard_starts() -> None:
     for _ in range(3):
         site.step(0.05, {"anna": 3.0})
     site.shards["anna"].on_selection(site.arbiter.selection(site.now_ns))
+
     rest(site, 1.0)
     assert told(site) == ["selected"]
     rest(site, 0.5, 9.0)

@@ -38,12 +38,14 @@ async def test_sites_selector_decides_on_claims_of_a_shard() -> None:
         await site.bench.settle()
         await start_shard(site.bench)
         await site.stay("anna", 1.0, "a")
+
         await site.stay("ben", 1.0, "a")
         assert site.told == [("selected", "a", "anna"), ("refused", "a", "ben")]
         assert {event.cause for event in site.events} == {"dwell"}
         assert [claim.stamp_ns for claim in claims if claim.wish == "toggle"] == [site.events[0].stamp_ns]
         assert len(site.hovers["anna"]) == 25, "one writer"
         assert [cue.cue for cue in site.cues["anna"]] == ["selected"]
+
         done = await site.bus.call(topics.CLEAR_SELECTION, ClearSelection(), "anna")
         assert done.message == "1 of anna's objects deselected"
         await site.bench.settle()

@@ -147,12 +147,15 @@ def test_reservation_takes_few_claims_and_others_see_it() -> None:
     for _ in range(12):
         site.step(0.02, {"anna": 3.0})
         site.deliver("anna")
+
     reserves = len(site.links["anna"].up)
     assert reserves <= 2
     assert site.claims == []
+
     site.deliver("ben")
     site.step(0.02, {"ben": 3.0})
     assert (site.hovers["ben"].action, site.hovers["ben"].taken_by) == ("refuse", "anna")
+
     site.step(2.0, {})
     site.tick()
     site.deliver("ben")

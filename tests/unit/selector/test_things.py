@@ -124,6 +124,7 @@ def test_tracked_object_has_the_mode_of_the_map() -> None:
     room = Things()
     stay("cart", 3.0)
     assert [event.event for event in room.events] == ["selected"], "without the map, it is claimed by staying"
+
     room = Things()
     cart = thing("cart", is_tracked=True, mode="switch", press=True, label="the cart")
     room.engine.on_map(Environment(stamp_ns=0, name="room", things=(cart,)))
@@ -131,6 +132,7 @@ def test_tracked_object_has_the_mode_of_the_map() -> None:
     assert (room.events, room.hover.object_id) == ([], "cart")
     assert room.press() == [("selected", "cart")]
     assert room.events[-1].kind == "the cart"
+
     stay("other", 0.2)
     told = [
         output.message for output in room.engine.set_thing("anna", SetThing(thing="cart"), at(room.time_s))
@@ -139,6 +141,7 @@ def test_tracked_object_has_the_mode_of_the_map() -> None:
         "no button or switch cart is placed"
     ]
     assert [one.id for one in room.engine.selection(at(room.time_s)).objects] == ["cart"]
+
     stay("other", 40.0)
     assert "cart" not in [one.id for one in room.engine.selection(at(room.time_s)).objects], "it has left"
 
@@ -250,6 +253,7 @@ def test_programs_switch_switches_and_fire_buttons() -> None:
         _done_message(room.engine.set_thing("home", SetThing(thing="radio", on=False), at(room.time_s)))
         == "radio deselected"
     )
+
     set_thing(room, "radio", on=True)
     assert set_thing(room, "radio", on=True) == ([], [])
     assert set_thing(room, "radio") == (["deselected"], [])

@@ -43,6 +43,7 @@ def test_ray_of_the_aimed_arm_meets_the_target(
     )
     ray = Pointer(UserProfile(stamp_ns=0, body=body, hand=hand)).ray(sample, 0)
     assert ray is not None
+
     sight = vector.rotate_z(vector.subtract(target, stance.eyes_m), -yaw_rad)
     assert vector.angle_between(ray.direction, sight) < 1e-6
 

@@ -104,6 +104,7 @@ def test_motion_is_read_right_or_refused_with_parameters_that_work(tmp_path: Pat
             read_imu_csv(path, MotionForm.model_validate(form))
         named = next(each for each in missing if f"set {each} to" in str(caught.value))
         form[named] = missing.pop(named)
+
     recording = read_imu_csv(path, MotionForm.model_validate(form))
     np.testing.assert_allclose(recording.t_s, TIMES_S, atol=1e-5)
     np.testing.assert_allclose(recording.orientation_xyzw, TURNS, atol=1e-5)

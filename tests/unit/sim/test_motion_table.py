@@ -109,6 +109,7 @@ def test_declared_axis_points_up(tmp_path: Path, up: str) -> None:
         robot = rotate(back, (places[0], places[1], places[2]))
         head = rotate(back, (places[3], places[4], places[5]))
         rows.append([row[0], w, x, y, z, *robot, *head])
+
     text = text_of((*ARM, *BODIES), rows)
     with pytest.raises(
         ConfigError,
@@ -278,6 +279,7 @@ def test_lost_values_are_gaps_in_every_column(tmp_path: Path, body: str, cell: s
     if lost:
         with pytest.raises(ConfigError, match=r"line 12, column.* lost to"):
             read(tmp_path, text)
+
     recording = read(tmp_path, text, lost=lost)
     values = {"orientation": recording.orientation_xyzw, "robot": recording.robot_m, "head": recording.head_m}
     for name, vectors in values.items():
@@ -286,6 +288,7 @@ def test_lost_values_are_gaps_in_every_column(tmp_path: Path, body: str, cell: s
         assert np.flatnonzero(is_lost).tolist() == ([*range(10, 20), 39] if name == body else [])
         assert np.isfinite(vectors[~is_lost]).all()
     (note,) = recording.notes
+
     assert note.startswith(f"{body} (")
     assert note.endswith("missing in 11 of 40 rows, 2 gaps of up to 0.22 s, the first in line 12; left out")
 
@@ -348,6 +351,7 @@ def test_any_file_is_read_or_refused_with_one_sentence(
         recording = read_imu_csv(path)
     except ConfigError as error:
         sentence = str(error)
+
     assert sentence.startswith(str(path))
     assert "\n" not in sentence
     if recording is not None:

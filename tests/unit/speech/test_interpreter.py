@@ -288,19 +288,23 @@ async def test_package_named_by_speech_is_claimed_as_by_pointing() -> None:
         here.say("put that there")
         done = await here.result()
         assert (done.result, done.message) == ("done", "red red_7 is anna's, and goes to bay 1")
+
         (claim,) = conveyor.claims
         assert (claim.wish, claim.action, claim.cause) == ("toggle", "select", "dwell")
         here.found = {"that": sure("object", "blue_8")}
         here.say("put that bay three")
         assert (await here.result(2)).message == "blue_8 goes to bay 3 already"
+
         here.say("take that")
         assert (await here.result(3)).message == "blue blue_8 is anna's"
         conveyor.refusal = "blue_8 is past its last way"
         here.say("take that")
         assert (await here.result(4)).message == conveyor.refusal
+
         here.found["that"] = sure("object", "gone_9")
         here.say("take that")
         assert (await here.result(5)).message == "gone_9 has left"
+
         conveyor.refusal, here.found["that"] = "", sure("object", "red_7")
         here.say("put that bay three")  # selected ones go to bay 1
         assert "goes to bay 1: the conveyor sends it there, not to 3" in (await here.result(6)).message

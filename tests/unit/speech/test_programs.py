@@ -38,6 +38,7 @@ async def test_synthesizer_speaks_messages_and_counts_words_meanwhile_as_echo(
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     clock = ManualClock()
     speaker = SpeechSynthesizer(clock)
+
     assert not speaker.is_echo(heard(clock, -1.0, 0.0)), "nothing was said yet"
     for each in (
         understood("--help"),
@@ -52,6 +53,7 @@ async def test_synthesizer_speaks_messages_and_counts_words_meanwhile_as_echo(
     assert said.read_text(encoding="utf-8").split("\n")[:2] == ["--stdin --help", "--stdin Radio or nuts?"]
     assert speaker.is_echo(heard(clock, 0.1, 0.5)), "it may still sound"
     assert not speaker.is_echo(heard(clock, 0.5, 1.0))
+
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     with pytest.raises(ConfigError, match=f"--speak needs `{PROGRAM}`: install it"):
         SpeechSynthesizer(clock)
@@ -75,12 +77,14 @@ async def test_echo_continues_when_a_newer_sentence_interrupts_the_last(
     await asyncio.to_thread(begun.read_text)
     clock.advance(1.0)
     speaker.say(understood("two"))
+
     ended, _ = await asyncio.wait({first}, timeout=30.0)
     assert ended, "its program has started another, which must not hold it up"
     clock.advance(2.0)
     assert speaker.is_echo(heard(clock, -0.5, -0.1)), "the newer one is said"
     assert speaker.is_echo(heard(clock, -2.5, -2.4)), "words of the one before come late"
     assert speaker._newest_task is not None
+
     speaker._newest_task.cancel()
     async with asyncio.timeout(30.0):
         await speaker.close()

@@ -37,6 +37,7 @@ def test_row_truncated_at_any_byte_is_moved_to_another_file(tmp_path: Path) -> N
         if size > len(whole):
             assert aside.read_bytes() == content[len(whole) : size]
             assert notes == [f"{table.path}: the last row was cut off and is moved to {aside.name}."]
+
     assert len([*tmp_path.iterdir()]) == len(sizes)
 
 
@@ -99,13 +100,16 @@ def test_rows_added_while_another_program_saves_are_not_lost(
     table.append({"trial": 1, "reason": "a"})
     opened = path.read_bytes()
     table.append({"trial": 2, "reason": "b"})
+
     saved = dialect if b" " in dialect else opened.replace(b"\n", dialect)
     save(path, saved)
     with pytest.raises(PointItError, match=r"all \d rows are in measured_t\.csv: move that to t\.csv"):
         table.close() if ends_first else table.append({"trial": 3, "reason": "c"})
+
     table.close()
     if save is not deleted:
         assert path.read_bytes() == saved
+
     (tmp_path / "measured_t.csv").replace(path)
     again = AppendOnlyCsv(path, COLUMNS, ("trial",))
     assert [row["trial"] for row in again.rows] == (["1", "2"] if ends_first else ["1", "2", "3"])
@@ -122,10 +126,12 @@ def test_texts_are_no_formulas_for_spreadsheets_and_come_back(tmp_path: Path) ->
     table.close()
     with table.path.open(newline="") as file:
         cells = [row["reason"] for row in csv.DictReader(file)]
+
     assert cells == ["'=1+1", "'+1", "'-1", "'@a", "'\tx", "'quoted", "plain", "'-"]
     assert b",-0.5,-3\n" in table.path.read_bytes()
     again = AppendOnlyCsv(table.path, columns)
     assert [row["reason"] for row in again.rows] == texts
+
     again.append({"trial": 9})
     again.close()
     assert [each.name for each in tmp_path.iterdir()] == ["t.csv"]
@@ -205,10 +211,12 @@ def test_files_saved_by_an_editor_are_read_the_same(tmp_path: Path) -> None:
     about = tmp_path / "data/01/participant.yaml"
     about.write_bytes(b"\xef\xbb\xbf# left-handed\r\n" + about.read_bytes().replace(b"\n", b"\r\n"))
     edited = about.read_bytes()
+
     notes = list[str]()
     folder = study_folder(tmp_path, notes=notes)
     known = folder.about("01")
     assert (known["pseudonym"], known["simulated"]) == ("01", False)
+
     folder.put_about("01", {**known, "seed": 1})
     folder.put_about("01", {**known, "seed": 2})
     assert about.with_name("edited_participant.yaml").read_bytes() == edited

@@ -63,6 +63,7 @@ def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
         one.on_hover(Hover(stamp_ns=0, object_id="t" if abs(azimuth_deg) < 6 else ""), round(now_s * S))
     one.on_hover(Hover(stamp_ns=0, object_id="other"), round(0.6 * S))
     one.on_hover(Hover(stamp_ns=0, object_id="t"), round(0.7 * S))
+
     one.tick(round(0.8 * S))
     assert one.outcome is None
     one.on_selection(selected("t"), round(1.25 * S))
@@ -263,6 +264,7 @@ async def test_streams_are_readable_by_another_process_at_capture_times(
     assert other.stdin is not None
     assert other.stdout is not None
     assert json.loads(await other.stdout.readline()) == ["PointIt ray", "origin_x", "m"]
+
     ray = {"origin_m": (1.0, 2.0, 3.0), "direction": (0.0, 1.0, 0.0), "point_m": (1.0, 5.0, 3.0)}
     cursor = Cursor.model_validate({"stamp_ns": 100 * S, **ray})
     selected = SelectionEvent(stamp_ns=99 * S, event="selected", object_id="t1-0", user="P01")
@@ -279,6 +281,7 @@ async def test_streams_are_readable_by_another_process_at_capture_times(
     other.stdin.write(b"\n")
     await other.stdin.drain()
     markers, rays, cursors, selections, truths = [json.loads(await other.stdout.readline()) for _ in range(5)]
+
     assert await other.wait() == 0
 
     assert [json.loads(sample[0]) for sample, _ in markers] == [
@@ -292,6 +295,7 @@ async def test_streams_are_readable_by_another_process_at_capture_times(
     assert truths[0][0] == [1.0, 2.0, 1.75, 0.5]
     assert truths[1][0][:3] == [1.0, 2.0, 1.75]
     assert math.isnan(truths[1][0][3])
+
     ages_s = (
         *((markers, (0.0, 0.0)), (rays, (0.25, 0.0)), (cursors, (0.25, 0.0)), (selections, (3.0, 0.0))),
         (truths, (0.5, 0.0)),
@@ -337,6 +341,7 @@ async def test_ray_and_cursor_of_a_message_share_one_monotonic_time(
     )
     assert other.stdout is not None
     assert await other.stdout.readline() == b"open\n"
+
     for number in range(count):
         passed_s = number / 100 + (0.03 if number % 8 == 4 else 0.0)  # a busy machine, after the site's clock
         outlets.send(Cursor(stamp_ns=(number + 1) * S // 100), (number + 3) * S // 100)
@@ -345,6 +350,7 @@ async def test_ray_and_cursor_of_a_message_share_one_monotonic_time(
     assert len(rays_s) == count
     assert rays_s == cursors_s
     assert rays_s == sorted(rays_s)
+
     errors_s = [stamp_s - begin_s - number / 100 + 0.02 for number, stamp_s in enumerate(rays_s)]
     assert 0.0 < min(errors_s) < 0.001
     assert max(errors_s) < 0.031

@@ -93,6 +93,7 @@ def test_participants_have_each_cell_equally_often_and_orders_balance(
         seed=seed,
     )
     plans = [plan_of(made, name) for name in made.people]
+
     assert plans == [plan_of(made, name) for name in made.people]
     for plan in plans:
         cells = Counter(tuple(trial.cell.values()) for trial in plan.trials if not trial.practice)
@@ -188,9 +189,11 @@ def test_check_refuses_tapping_whose_blocks_have_no_throughput(
         lines[line.partition(":")[0]] = line
     file = tmp_path / "s.yaml"
     file.write_text("\n".join(lines.values()))
+
     checked = CliRunner().invoke(check, [str(file)])
     assert sentence in str(checked.exception or "")
     assert (checked.exit_code == 0) == (sentence == "")
+
     StudyFolder(tmp_path / "data", read_study(file), file.read_text())
     texts = [found.text for found in check_folder(tmp_path / "data") if found.severity == "error"]
     assert texts == ([str(checked.exception)] if sentence else [])
@@ -219,14 +222,17 @@ def test_names_in_studies_are_literal_text(tmp_path: Path) -> None:
         "factors: {m: {vary: between, levels: {on: {pui.map: 1.10}, off: {pui.map: no}}}}\n"
         "instructions: {on: 12:30, off: 7}\n"
     )
+
     study = read_study(file)
     assert study.people == ("01", "1", "2e1", "on")
     assert study.task.model_dump()["strips"] == ("010",)
     assert list(study.factors["m"].levels) == ["on", "off"]
     assert {level: step.text for level, step in study.instructions.items()} == {"on": "12:30", "off": "7"}
+
     run = pointit.run(settings=study.services({"m": "off"}))
     with pytest.raises(ConfigError, match="map 'no' is not shipped"):
         run.check()
+
     settings = {name: value for name, value in study.services({"m": "on"}).items() if name != "pui.map"}
     configs = {each.service.NAME: each.config.model_dump() for each in pointit.run(settings=settings).check()}
     assert configs["localizer"]["robot_id"] == "010"

@@ -74,11 +74,13 @@ def test_study_continues_at_the_trial_after_kill_9(
     monkeypatch.setattr(os, "fsync", kill)
     with pytest.raises(_KilledError):
         simulate(study, folder, "P01", lambda _status: None)
+
     monkeypatch.setattr(os, "fsync", fsync)
     if step % 2:
         with (folder.path / "P01/trials.csv").open("a") as file:
             file.write(f"P01,1,{step // 2 + 2},1,0,ho")
     simulate(study, folder, "P01", lambda _status: None)
+
     rows = read_rows(folder.path / "P01/trials.csv")
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
     for name in ("trials.csv", "answers.csv", "participant.yaml"):
@@ -108,6 +110,7 @@ def test_interrupted_simulated_participant_goes_on_with_the_same_bytes(
     monkeypatch.setattr(simulated, "LIGHT", {**simulated.LIGHT, **lossy})
     simulate(study, done, "P02", lambda _status: None)
     whole_bytes = {file.name: file.read_bytes() for file in (done.path / "P02").iterdir()}
+
     assert b"repeated: no ray" in whole_bytes["trials.csv"]
     attempts = len(read_rows(done.path / "P02/trials.csv"))
     for stop in (2, attempts - 1):
@@ -175,6 +178,7 @@ def test_experimenter_repeats_skips_pauses_and_stops(tmp_path: Path) -> None:
     ]
     with pytest.raises(StoppedError, match="P01 is stopped at trial 3; the same command goes on there"):
         pointit.run_virtually(_session(study, folder, commands).run())
+
     notes = [finding.text for finding in check_folder(folder.path)]
     assert "2 of 4 trials are missing: 3, 4; the same command goes on" in notes
     pointit.run_virtually(_session(study, folder, []).run())
@@ -228,10 +232,12 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
     (data / "P02/participant.yaml").write_text(about.replace("simulated: true", "simulated: false"))
     shutil.copytree(data / "P02", data / "P03")
     found = {(finding.participant, finding.text) for finding in check_folder(data)}
+
     assert ("P01", "1 of 4 trials are missing: 2") in found
     assert ("P02", "trial 2 begins before trial 1 ends: a clock was set back") in found
     assert ("P03", "does not take part in the study; remove the folder") in found
     assert ("", "P02 is there twice, in P02 and P03") in found
+
     shutil.rmtree(data / "P02")
     shutil.rmtree(data / "P03")
     checked = json.loads(CliRunner().invoke(check, [str(data), "--json"]).stdout)
@@ -284,6 +290,7 @@ def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> 
     (tmp_path / "shelf.yaml").write_text(SHELF)
     study, folder = small(tmp_path, text)
     simulate_all(study, folder)
+
     rows = read_rows(folder.path / "P01/trials.csv")
     assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
     hits = sum(row["outcome"] == "hit" for row in rows)
@@ -374,6 +381,7 @@ def test_mistakes_of_a_study_are_refused_before_the_first_trial(
     lines = [line for line in SMALL.splitlines() if line.split(":")[0] != text.split(":", maxsplit=1)[0]]
     if text.startswith("factors"):
         lines = [line for line in lines if not line.startswith(" ")]
+
     file = folder / "small.yaml"
     file.write_text("\n".join([*lines, text]))
     with pytest.raises(ConfigError, match=sentence) as refused:

@@ -67,15 +67,18 @@ async def test_declared_truth_is_followed_and_its_absence_is_a_problem() -> None
     )  # fmt: skip
     site: Any = SiteWithTrackers(messages, pose)
     study_site = StudySite(site, "P01", {}, None)  # pyrefly: ignore[bad-argument-type]
+
     assert study_site.truth_problem == ""
     study_site.truth_tracker = "mocap"
     assert study_site.truth_problem.startswith("the tracker mocap sees no P01: start it")
+
     received: list[object] = []
     study_site.on_message = lambda message, _now_ns: received.append(message)
     await study_site._follow_truth()
     assert received == [TruePose(100 * NS_PER_S, (1.0, 2.0, 1.7), 0.5)]
     assert study_site.truth_problem == ""
     assert study_site.quality.endswith("; true error 25 cm, -2.9°")
+
     site.time_ns += 10 * NS_PER_S
     assert study_site.truth_problem != ""
     assert "true error" not in study_site.quality

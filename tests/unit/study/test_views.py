@@ -153,6 +153,7 @@ async def test_wrong_token_and_foreign_origin_are_refused(links: tuple[PageView,
             answer = await client.get(urls[page])
             assert (answer.status_code, f"/static/{page}.js" in answer.text) == (200, True)
             assert "script-src 'self'" in answer.headers["content-security-policy"]
+
         url = urls["experimenter"]
         wrong = url[:-2] + ("a" if url[-2] != "a" else "b") + "/"
         answer = await client.get(wrong)
@@ -174,6 +175,7 @@ async def test_pictures_of_the_steps_are_served_and_nothing_else(
         view.tell(StudyStep(text="Look."), StudyStep(image="room.png", alt="The room"), go="begin")
     )
     steps = shown(view)["steps"]
+
     assert [(step["image"], step["alt"]) for step in steps] == [(None, ""), (0, "The room")]
     async with httpx.AsyncClient() as client:
         answer = await client.get(f"{url}image/0")
@@ -205,10 +207,12 @@ async def test_pages_show_content_to_late_joiners_and_survive_bad_messages(
         view.status(STATUS)
         while (seen := await received(experimenter))["status"] is None:
             pass
+
         assert (seen["status"]["trial"], seen["shown"]["title"]) == (2, "Point")
         assert (await received(first))["text"] == "Look at the room."
         view.status(replace(STATUS, say="Land quad at B."))
         assert (await received(first))["text"] == "Land quad at B."
+
         view.end("You may close this page.")
         while (content := await received(first))["show"] != "end":
             pass
@@ -259,11 +263,13 @@ async def test_participant_is_asked_until_the_answer_is_one(capsys: pytest.Captu
         await typed(view, "9\n", "yes\n", "4\n", "1\n")
     assert asked.result() == [4, 1]
     assert "Questions on block 1 of 2:" in capsys.readouterr().out
+
     differential = Scale(name="own", items=("Mood?",), points=(-4, 4), step=2)
     async with asyncio.TaskGroup() as group:
         asked = group.create_task(view.ask(differential))
         await typed(view, "3\n", "-2\n")
     assert asked.result() == [-2]
+
     for answer, agrees in (("n\n", False), ("y\n", True)):
         async with asyncio.TaskGroup() as group:
             told = group.create_task(view.tell(StudyStep(text="Do you agree?"), go="agree"))

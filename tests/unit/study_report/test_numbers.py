@@ -104,11 +104,13 @@ def test_throughput_of_a_study_is_the_mean_of_sequence_means(
             seconds = np.mean([float(row["selection_s"]) for row in block[1:]])
             index = np.log2(moved.mean() / (4.132731354 * beyond.std(ddof=1)) + 1)
             by_person[path.parent.name].append(float(index / seconds))
+
     row = row_of(study_report.throughput(study), method="press")
     assert row["throughput_bit_per_s"] == pytest.approx(
         np.mean([np.mean(each) for each in by_person.values()])
     )
     assert (row["participants"], row["sequences"], row["left_out"]) == (12, 12 * len(RINGS), 0)
+
     in_degrees = row_of(study_report.throughput(study, "deg"), method="press")
     assert in_degrees["throughput_bit_per_s"] == pytest.approx(row["throughput_bit_per_s"], rel=2e-3)
 
@@ -133,6 +135,7 @@ def test_fitts_regression_is_that_of_the_means_over_participants(
         means.append(float(np.mean(people)))
     expected: Any = stats.linregress([np.log2(distance / width + 1) for distance, width in RINGS], means)
     row = row_of(study_report.fitts(study), method="dwell")
+
     assert row["slope_s_per_bit"] == pytest.approx(expected.slope, rel=1e-5)
     assert row["intercept_s"] == pytest.approx(expected.intercept, rel=1e-5)
     assert row["r2"] == pytest.approx(expected.rvalue**2, rel=1e-5)
@@ -283,6 +286,7 @@ def test_sus_is_scored_by_odd_and_even_items(tmp_path: Path) -> None:
     head, *rows = path.read_text().splitlines()
     path.write_text("\n".join([head, *sorted(rows), ""]))  # 1, 10, 2: items tell, not rows
     table = study_report.questionnaires(study_report.trials(tmp_path))
+
     assert row_of(table, questionnaire="sus")["mean"] == 75
     assert row_of(table, item="raw TLX")["mean"] == 30
     assert row_of(table, questionnaire="own") == {

@@ -87,6 +87,7 @@ def test_notebook_is_valid_and_runs_where_it_stands(
     book = json.loads((folder / "report.ipynb").read_text(encoding="utf-8"))
     assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
+
     names: dict[str, Any] = {}
     run = 0
     for cell in book["cells"]:
@@ -97,6 +98,7 @@ def test_notebook_is_valid_and_runs_where_it_stands(
             if "figures." not in source:  # the page has drawn them
                 exec(source, names)  # noqa: S102 - our own cells
                 run += 1
+
     assert run >= 12
     assert written.count("<h2>") == sum("## " in "".join(cell["source"]) for cell in book["cells"])
 
@@ -129,6 +131,7 @@ def test_parquet_has_the_same_rows_with_numbers_as_numbers(folder: Path, written
     with (folder / "all_trials.csv").open(encoding="utf-8") as file:
         rows = [*csv.DictReader(file)]
     assert table.column_names == [*rows[0]]
+
     kinds = {
         name: str(table.schema.field(name).type)
         for name in ("participant", "method", "trial", "error_m", "reason")

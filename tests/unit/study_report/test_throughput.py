@@ -91,6 +91,7 @@ def test_condition_without_any_sequence_has_a_row_of_its_own(folder: Path) -> No
     assert (found["dwell"]["participants"], found["press"]["participants"]) == (4, 0)
     assert (found["press"]["throughput_bit_per_s"], found["press"]["left_out"]) == (None, 40)
     assert (left["press"]["short_sequences"], left["press"]["no_selection"]) == (8, 8)
+
     for name in ("P01", "P02", "P03", "P04"):
         edit_trials(folder, name, times_out(*(("dwell", width, 4) for width in ("0.05", "0.1"))))
     study = study_report.trials(folder)

@@ -36,6 +36,7 @@ def test_localizing_leads_through_the_targets_to_pointing() -> None:
     outputs = cycle.button(*press(10))
     assert told(outputs) == ["start", "localizing", "cue started"]
     assert shown(outputs).next_step == transitions.WAIT
+
     cycle.on_start_accepted(cycle.run)
     for index, lamp in enumerate(("led_0", "led_1")):
         sampling = {"target_id": lamp, "target_index": index, "target_count": 2}
@@ -186,16 +187,19 @@ def test_next_step_and_press_follow_the_manner_of_selection(
     cycle = life_cycle(press_while_pointing="confirms")
     cycle.begin(0)
     assert shown(cycle.pose(*pose())).press == "start"
+
     begun = shown(cycle.button(*played.press(1)))
     assert (begun.next_step, begun.press) == (transitions.POINT_AND_CONFIRM, "confirm"), "without a selector"
     outputs = cycle.manner(SelectionManner.model_validate({"stamp_ns": 0, **manner}), 2 * S)
     now = shown(outputs) if outputs else begun
     assert step in now.next_step
     assert now.press == press
+
     named = {**manner, "names_by": "press"}
     cycle.manner(SelectionManner.model_validate({"stamp_ns": 0, **named}), 3 * S)
     heard = shown(cycle.hear_names(4 * S))
     assert (heard.next_step, heard.press) == (transitions.PRESS_AT_NAME, "confirm")
+
     ending = life_cycle()
     ending.pose(*pose())
     assert shown(ending.button(*played.press(1))).press == "stop"

@@ -183,6 +183,7 @@ async def test_silent_wrist_ends_the_interaction(anna: Person, *, localize: bool
     for _ in range(12):  # 6 s of samples: more than the time-out
         last_ns = anna.move()
         await asyncio.sleep(0.5)
+
     assert anna.states[-1] == ("localizing" if localize else "pointing")
     await until(lambda: anna.states[-1] == "idle")
     assert "is the wristband on" in anna.interactions[-1].reason
@@ -200,12 +201,14 @@ async def test_supervisor_uses_the_topics_of_its_row_and_its_person(anna: Person
     assert view.reads == {topic.key for topic in row.reads}
     assert view.writes == {topic.key for topic in row.writes}
     assert view.served == {request.key for request in row.serves}
+
     anna.stand()
     await bench.settle()
     before = len(anna.interactions)
     anna.press(user="ben")
     await bench.settle()
     assert len(anna.interactions) == before
+
     anna.press()
     await bench.settle()
     assert anna.states[-1] == "pointing"
@@ -225,6 +228,7 @@ async def test_offset_is_published_after_restarts_until_it_is_erased(
         assert [profile.seq for profile in anna.profiles] == [1, 2]
         assert anna.profiles[1].hand == "left"
     assert path.is_file()
+
     async with memory_bench() as bench:
         caplog.set_level("INFO")
         anna = Person(bench)
@@ -232,6 +236,7 @@ async def test_offset_is_published_after_restarts_until_it_is_erased(
         forget = "an offset is in use; `pointit person calibrate user anna --erase` forgets it"
         assert [line for line in caplog.messages if "offset" in line] == [f"anna: {forget}"]
         assert [profile.offset for profile in anna.profiles] == [OFFSET]
+
         reply: Done = await bench.bus.call(topics.SET_OFFSET, SetOffset(), ANNA)
         assert reply.message == "the offset is forgotten"
         await until(lambda: len(anna.profiles) == 2)
@@ -247,9 +252,11 @@ async def test_damaged_offset_file_is_a_warning_and_not_used(anna: Person, own_s
     await until(lambda: bool(anna.reports and anna.reports[-1].warnings))
     assert "offset.json: cannot be used" in anna.reports[-1].warnings[0]
     assert anna.profiles[-1].offset is None
+
     offset = SetOffset(offset=OFFSET)
     await anna.bench.bus.call(topics.SET_OFFSET, offset, ANNA)  # takes its place
     await until(lambda: not anna.reports[-1].warnings)
+
     path.unlink()
     shutil.rmtree(path.parent)
     path.parent.write_text("in the way", encoding="utf-8")
@@ -272,6 +279,7 @@ async def test_double_press_requests_an_anchor_and_returns(anna: Person) -> None
     anna.stand()
     await anna.bench.settle()
     anna.press()
+
     anna.press("double")
     await until(lambda: asked == [PointAnchor()])
     await anna.bench.settle()
@@ -279,6 +287,7 @@ async def test_double_press_requests_an_anchor_and_returns(anna: Person) -> None
         await anna.localizes(phase=phase, purpose="anchor", target_id="led_0")
     assert anna.states[-1] == "pointing"
     assert [cue.cue for cue in anna.cues] == ["started", "started", "target", "localized", "started"]
+
     anna.press("double")
     await until(lambda: anna.interactions[-1].reason == "the map has no lamps")
     assert anna.states[-1] == "pointing"
@@ -375,6 +384,7 @@ def test_localizing_is_taken_up_and_leads_to_pointing() -> None:
         "pointing",
         "cue started",
     ]
+
     unseen = life_cycle(localize=True)
     unseen.resume_from(before("localizing", 50), 60 * S)
     unseen.localization(news(55, "solved", **since)[0], 60 * S)
@@ -561,13 +571,16 @@ def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:
     cycle = eager(localize=True)
     assert cycle.imu(*sample(0.5)) == []  # a place may be on its way
     assert told(cycle.imu(*sample(1.1))) == ["start", "localizing", "cue started"]
+
     outputs = cycle.on_start_failed(cycle.run, "there is no map yet", 2 * S)
     assert shown(outputs).next_step == transitions.BY_ITSELF_AT_LAMP
     assert cycle.imu(*sample(6.9)) == []
     assert told(cycle.imu(*sample(7.1)))[:2] == ["start", "localizing"]
+
     cycle.localization(*news(8, "refused"))
     assert cycle.imu(*sample(12.9)) == []
     assert told(cycle.imu(*sample(13.1)))[:2] == ["start", "localizing"]
+
     for now_s in range(14, 73):
         cycle.imu(*sample(now_s))
     cycle.imu(*sample(73))

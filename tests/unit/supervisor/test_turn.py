@@ -57,6 +57,7 @@ def test_cues_say_whether_to_wait_or_to_go_on() -> None:
     cycle.pose(*pose(14))
     outputs += cycle.localization(*news(14, "solved"))
     cues = [output for output in outputs if isinstance(output, Feedback)]
+
     assert [(cue.cue, cue.target_id, cue.waits) for cue in cues] == [
         ("started", "", True),
         ("target", "led_0", False),

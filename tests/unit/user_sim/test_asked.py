@@ -60,9 +60,11 @@ def test_anchor_is_requested_every_minute() -> None:
         life.cue("target", target="led_2")
         life.run(3.5)
         life.cue("localized")
+
     assert [round(at_ns / NS_PER_S) for at_ns in life.doubles] == [90, 150, 210]
     assert life.now_ns == round(214.0 * NS_PER_S)
     assert life.presses == []
+
     life.state("idle")
     life.run(2.0)
     life.state("pointing")

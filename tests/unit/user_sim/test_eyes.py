@@ -197,12 +197,14 @@ def test_appearance_of_a_thing_gives_its_status(
         bench.put(name, "red", surface, line, at_m)
     for name in ("free", "mine", "theirs", "held"):
         assert not bench.looks(name).marked
+
     bench.choose(mine="anna", theirs="ben")
     bench.lights.content.set_hover(
         "ben", Hover(stamp_ns=0, object_id="held", progress=0.2, action="select"), 0
     )
     bench.point("ben", surface, line, 3.0)
     assert not bench.looks("free").marked
+
     mine, theirs, held = (bench.looks(name) for name in ("mine", "theirs", "held"))
     assert (mine.marked, mine.full, mine.own, mine.foreign) == (True, True, True, False)
     assert (theirs.full, theirs.foreign, theirs.own) == (True, True, False)

@@ -42,12 +42,15 @@ def test_button_is_pressed_after_thinking_and_again_after_a_pause() -> None:
     life.person.see(life.now_ns, UserProfile(stamp_ns=0))  # somebody knows them
     life.run(5.9)
     assert [round((t - NS_PER_S / 2) / NS_PER_S, 1) for t in life.presses] == [1.2]
+
     life.state("pointing")
     life.run(20.0)
     assert len(life.presses) == 1
+
     life.state("idle")
     life.run(1.0)
     assert len(life.presses) == 1
+
     life.run(0.3)
     assert len(life.presses) == 2
     life.run(5.1)
@@ -105,6 +108,7 @@ def test_cursor_leads_the_person_to_the_target_despite_all_errors() -> None:
         life.run(4.0)
         shown = [c.position_m for c in life.cursors[-25:] if c.surface == "strip"]
         finals.append(math.degrees(float(np.median(np.abs(np.array(shown) - 2.0))) / 3.0))
+
     assert np.median(finals) < 0.9  # the closed-loop median of people: 0.7
     assert np.quantile(finals, 0.9) < 2.0
 
@@ -257,6 +261,7 @@ def test_they_point_at_something_soon_whatever_the_other_has_left(before: State,
         assert is_on(life, ROOM.lamps[1].position_m)
         life.cue("localized")
         life.state("pointing")
+
     life.run(3.0)
     assert is_on(life, RED.position_m) or is_on(life, SECOND.position_m)
     assert (life.now_ns - began_ns) / NS_PER_S < 7.0

@@ -215,15 +215,18 @@ def test_person_presses_only_at_the_right_name() -> None:
     life.before_step = lambda: life.objects(stored("a", 0.5), stored("b", -0.5))
     hear(life, "")
     assert choice(life, 2.0) in {"object a", "object b"}
+
     goal = life.person.goal.object_id
     hear(life, {"a": "b", "b": "a"}[goal])
     before = life.person._correction.now_rad
     life.run(1.5)
     assert life.presses == []
     assert life.person._correction.now_rad != before, "the name says where the ray is"
+
     hear(life, goal)
     life.run(0.6)
     assert life.presses == [], "a name takes time to be understood"
+
     life.run(1.4)
     assert len(life.presses) == 1
 

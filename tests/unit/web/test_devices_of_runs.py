@@ -60,6 +60,7 @@ async def test_devices_of_another_run_of_the_site_stay_stored(
         await first.forget("wrist anna")
         runs.append(asyncio.create_task(later.run()))
         await asyncio.sleep(0)
+
         assert [line.name for line in later.lines()] == ["ben", "carla"]
         for run in runs:
             run.cancel()

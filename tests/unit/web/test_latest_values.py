@@ -31,13 +31,16 @@ def test_urgent_state_does_not_wait_for_the_previous_batch() -> None:
     assert feed.take(0.0) is not None
     cache.put(STRIPS_FRAME, "", b"2", urgent=True)
     assert feed.take(0.001) is not None
+
     cache.put(STRIPS_FRAME, "", b"3", urgent=True)
     assert feed.take(0.002) is None, "more than its rate"
     assert feed.take(0.1001) is not None
+
     feed.ack(3)
     cache.put(CURSOR, "anna", b"4")
     assert feed.take(0.15) is None
     assert feed.wait_s(0.15) == pytest.approx(0.15), "a batch is reserved for what is urgent"
+
     cache.put(STRIPS_FRAME, "", b"5", urgent=True)
     batch = there(feed.take(0.2001))
     assert [payload for _, _, payload in batch.states] == [b"4", b"5"]
@@ -50,6 +53,7 @@ def test_page_without_acknowledgements_gets_three_batches_then_the_newest() -> N
     for moment in range(10):
         cache.put(CURSOR, "anna", bytes([moment]))
         sent += feed.take(float(moment)) is not None
+
     assert sent == IN_FLIGHT
     assert feed.in_flight == IN_FLIGHT
     assert feed.wait_s(10.0) is None

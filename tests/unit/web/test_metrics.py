@@ -70,15 +70,18 @@ def test_services_have_their_health_or_are_missing(metrics: TakenMetrics) -> Non
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
     metrics.hear("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
     assert metrics.value("pointit_service_present", service="pointing", name="anna") == 0
+
     report = health("pui", 7, status="degraded", warnings=("a", "b"))
     metrics.hear("pui", report)  # it is not present yet
     assert metrics.value("pointit_service_healthy", service="pui", name="") is None
+
     metrics.state.set_service("pui", present=True)
     metrics.hear("pui", report)
     assert metrics.value("pointit_service_present", service="pui", name="") == 1
     assert metrics.value("pointit_service_healthy", service="pui", name="") == 0
     assert metrics.value("pointit_service_warnings", service="pui", name="") == 2
     assert metrics.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
+
     metrics.hear("run.x", Deployment(stamp_ns=2, name="scenario_4"))
     metrics.state.set_service("pui", present=False)
     for name in ("present", "healthy"):
@@ -121,6 +124,7 @@ def test_durations_of_a_kind_of_service_are_one_histogram(metrics: TakenMetrics)
         bound: metrics.value("pointit_latency_seconds_bucket", service="pointing", le=str(bound))
         for bound in DURATION_BOUNDS_S
     }
+
     assert [buckets[bound] for bound in (0.002, 0.005, 0.02, 0.05, 0.1, 5.0)] == [0, 1, 1, 3, 4, 4]
     assert metrics.value("pointit_latency_seconds_bucket", service="pointing", le="+Inf") == 5
     assert metrics.value("pointit_latency_seconds_count", service="pointing") == 5
@@ -172,6 +176,7 @@ def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetri
     ):
         metrics.state.set_service(instance, present=True)
         metrics.hear(instance, health(instance, figures=(Figure(name=name, value=value),)))
+
     assert metrics.value("pointit_selection_events_total", result="selected") == 2
     assert metrics.value("pointit_battery_ratio", user="anna") == 0.25
     assert metrics.value("pointit_page_viewers", service="web", name="") == 3
@@ -192,6 +197,7 @@ def test_number_of_series_is_bounded_when_names_are_invented(
         metrics.hear(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
         metrics.hear(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     families = {family.name: family for family in metrics.collect()}
+
     assert len(families["pointit_service_present"].samples) == 10
     assert len(families["pointit_pose_yaw_sigma_radians"].samples) == 10
     assert {sample.labels["topic"] for sample in families["pointit_messages"].samples} == {OTHER}
@@ -228,14 +234,17 @@ def test_exposition_is_read_by_parsers_of_both_formats(metrics: TakenMetrics) ->
     metrics.hear("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
     content, media_type = exposition(metrics, OPEN_METRICS)
     assert media_type.startswith("application/openmetrics-text")
+
     parser: Any = importlib.import_module("prometheus_client.openmetrics.parser")  # untyped
     families = {family.name: family for family in parser.text_string_to_metric_families(content.decode())}
     (site,) = families["pointit_site"].samples
     assert site.labels == {"site": "lab", "version": "1.2.3"}
     assert families["pointit_messages"].samples[0].value == 50
+
     latency = {sample.name: sample.value for sample in families["pointit_latency_seconds"].samples}
     assert families["pointit_latency_seconds"].type == "histogram"
     assert latency["pointit_latency_seconds_count"] == 2
+
     plain, media_type = exposition(metrics, "")
     assert media_type.startswith(TEXT)
     assert b"# TYPE pointit_messages_total counter" in plain
@@ -291,6 +300,7 @@ def test_totals_never_fall_and_are_exact_without_loss(
             heard_some.add("pui", "pui", report)
         assert heard_some.values[labels] >= before
         before = heard_some.values[labels]
+
     assert heard_all.values[labels] == sum(more for _, more in steps)
     assert heard_some.values[labels] <= heard_all.values[labels]
     messages = heard_all.values[Labels("messages", "pui", RAY.key, "in")]

@@ -319,6 +319,7 @@ def test_frames_of_a_page_file_match_a_server_throughout(past: Past) -> None:
             assert held == {news[:2]: news[2] for news in server.model.cache.states_since(0)}, at_s
         assert bool(status) == (number % RATE_HZ == 0), at_s
     entries = [entry.row.key for entry in past.entries(0)]
+
     assert len(held) > 10
     for key in ("selection/events", "users/{user}/feedback"):
         assert events.count(key) == entries.count(key) > 0

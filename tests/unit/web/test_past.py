@@ -66,6 +66,7 @@ def test_recording_is_read_back_with_topic_time_and_fields() -> None:
         topics.STRIPS_FRAME,
         models.StripsFrame(stamp_ns=at(3.0), strips=(models.StripFrame(id="s", rgb=b"\xff\xfe\x00"),)),
     )
+
     first, second, third = read(minute, at(4.0))
     assert first[:3] == ("/users/anna/cursor", models.Cursor.schema_name(), at(1.0))
     assert first[3]["point_m"] == [1.0, 2.0, 3.0]
@@ -88,6 +89,7 @@ def test_recording_begins_with_the_states_of_before() -> None:
     for second in range(20, 31):
         add(minute, topics.CURSOR, cursor(float(second)), "anna")
     found = read(minute, at(30.0), since_ns=at(20.0))
+
     assert [(topic, when) for topic, _, when, _ in found[:4]] == [
         ("/alive/users/anna", at(20.0)),
         ("/map", at(20.0)),
@@ -96,6 +98,7 @@ def test_recording_begins_with_the_states_of_before() -> None:
     ]
     assert found[1][3]["name"] == "lab"
     assert len(found) == 14
+
     minute.forget(topics.POSE, "anna")
     add(minute, topics.CURSOR, cursor(31.0), "anna")
     assert "/users/anna/pose" not in {topic for topic, _, _, _ in read(minute, at(33.0), since_ns=at(32.0))}
@@ -165,6 +168,7 @@ async def test_history_shows_received_events_once_and_in_order() -> None:
                 (cues, 77),
                 *((selections, number) for number in (4, 5, 6)),
             ]
+
         assert feed.take(10.0) is None, "what is past does not happen again"
         assert queries == 2 * [models.ReadHistory(last=HISTORY, since_ns=START_NS - BACK_NS)]
 

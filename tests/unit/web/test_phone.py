@@ -114,9 +114,11 @@ async def test_requests_of_a_phone_are_for_its_own_person(bench: PhoneBench, pho
             "is_stale": False,
         }
     bench.error = "the localizer is busy"
+
     localize = "localizer/{user}/start"
     (answer,) = await posted(phone, {"kind": "ask", "id": 8, "key": localize, "name": "ben"})
     assert (answer["id"], answer["error"]) == (8, "the localizer is busy")
+
     asked = [(ask.name, ask.deed or ask.key) for _, ask in bench.asked]
     assert asked == [("anna", "press"), ("anna", localize)]
 
@@ -135,10 +137,12 @@ async def test_posts_do_the_same_as_the_socket(bench: PhoneBench, phone: AsyncCl
     assert (state["kind"], state["state"], state["next_step"]) == ("cue", "idle", "press to begin")
     assert "press" in hello["deeds"]
     assert "localizer/{user}/start" in hello["requests"]
+
     feedback = Feedback(stamp_ns=0, cue="started", text="go", chime="up", haptic_ms=(30,))
     bench.phones.feedback("ben", feedback)
     bench.phones.feedback("anna", feedback)
     bench.phones.localization("anna", Localization(stamp_ns=0, phase="sampling", target_id="led_0"))
+
     turns = [{**TURN, "t_ms": 10.0 + k} for k in range(3)]
     cue, target, answer = await posted(phone, *turns, {"kind": "ask", "id": 4, "deed": "press"})
     assert (cue["text"], cue["chime"], cue["haptic_ms"]) == ("go", "up", [30])

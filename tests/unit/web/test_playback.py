@@ -175,6 +175,7 @@ def test_seek_sends_a_page_differences_and_no_events(past: Past) -> None:
     feed = playback.model.cache.open(60.0)
     first = there(feed.take(0.0))
     assert ("map", "") in {news[:2] for news in first.states}
+
     playback.seek(at(14.0), 0.0)
     batch = there(feed.take(1.0))
     assert {news[:2]: news[2] is not None for news in batch.states} == {
@@ -193,12 +194,15 @@ def test_position_follows_the_clock_and_stops_at_the_end(past: Past) -> None:
     playback.play(100.0, is_playing=True, speed=0.5)
     playback.advance(102.0)
     assert playback.at_ns(102.0) == at(1.0)
+
     playback.play(102.0, speed=8.0)
     playback.advance(102.5)
     assert playback.at_ns(102.5) == at(5.0)
+
     playback.play(102.5, is_playing=False)
     playback.advance(110.0)
     assert playback.at_ns(110.0) == at(5.0)
+
     playback.play(110.0, is_playing=True)
     for tick in range(20):
         playback.advance(110.0 + tick)
@@ -391,6 +395,7 @@ def test_robot_lane_shows_phase_owner_and_reason() -> None:
     tell(5.0, phase="idle")
     tell(6.0, phase="taking_off")
     lanes.add(at(7.0), SERVICE_ALIVE, "robot.cart", body=False)
+
     (lane,) = lanes.lanes(at(0.0), at(7.0))
     assert (lane.kind, lane.user) == ("robot", "cart")
     assert lane.items == (

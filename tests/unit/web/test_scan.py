@@ -154,6 +154,7 @@ async def test_wrist_may_scan_until_the_page_closes_or_30_minutes(
         operator.headers.update(OPERATOR)
         assert (await operator.get("/scan")).status_code == 200
         assert (await wrist.get("/scan")).status_code == 403, "a link that the operator followed opens none"
+
         await said(operator, kind="look")
         await said(wrist, kind="look")
         if end == "left":
@@ -181,9 +182,11 @@ async def test_scan_in_use_goes_on_but_wrists_begin_no_other(
         for _ in range(4):
             now_s += 1000.0
             await said(phone, **VIEW)
+
         assert (await said(phone, kind="look"))["views"] == 4
         text = await said(phone, 403 if kind == "wrist" else 200, kind="begin")
         assert kind == "camera" or "Map this room" in text
+
         now_s += 1801.0
         await said(phone, 403, **VIEW)
 
@@ -206,6 +209,7 @@ async def test_light_message_lights_the_marked_pixels_for_a_while(
     assert state["lights"][:2] == [["shelf", 0], ["shelf", 2]]
     assert state["lights"][-1] == ["desk", 29]
     assert len(state["lights"]) == 20, "ten of each strip"
+
     reds = [0] * len(state["lights"])
     await said(phone, 204, kind="light", colors=[1, 2, *reds[2:]], brightness=0.5)
     lit, for_s = bench.shown[-1]
@@ -215,11 +219,13 @@ async def test_light_message_lights_the_marked_pixels_for_a_while(
     ]
     assert (lit[0].pixels, lit[1].pixels) == ((0,), (2,))
     assert for_s == 6.0
+
     await said(phone, 204, kind="light", colors=[])
     assert bench.shown[-1] == ((), 6.0)
     await said(phone, 204, kind="light", colors=None)
     assert bench.shown[-1] == ((), 0.0)
     assert "load the page again" in await said(phone, 409, kind="light", colors=[0])
+
     bench.fault = RefusedError("led-driver does not answer")
     assert await said(phone, 409, kind="light", colors=reds) == "led-driver does not answer"
 
@@ -232,6 +238,7 @@ async def test_views_are_solved_with_known_lengths_and_densities(
     await said(phone, **VIEW, gravity=[0.0, 1.0, 0.0])
     assert "second view" in (await solved(bench, phone))["advice"]
     assert bench.solved == []
+
     state = await solved(bench, phone, 1)
     (survey,) = bench.solved
     assert [(each.name, each.count, each.pitch_m) for each in survey.strips] == [
@@ -245,6 +252,7 @@ async def test_views_are_solved_with_known_lengths_and_densities(
         ("shelf", 0, 10.5),
         ("shelf", 2, 30.0),
     ]
+
     known, unknown = state["strips"]
     assert (known["seen"], known["sigma_m"], unknown["line_m"]) == (2, 0.004, [])
     assert (state["is_complete"], state["advice"]) == (True, "enough")

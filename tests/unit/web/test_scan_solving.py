@@ -83,13 +83,16 @@ def test_map_origin_is_below_the_first_light_along_the_strip(
     assert {name: strip.pixels for name, strip in strips.items()} | {
         lamp.id: 1 for lamp in room.lamps
     } == COUNTS
+
     lamps = {lamp.id: lamp.position_m for lamp in room.lamps}
     apart_m = math.dist(*(places[0] for places in TRUE.values() if len(places) == 1))
     assert math.dist(*lamps.values()) == pytest.approx(apart_m, abs=0.01)
+
     first, last = strips[origin].line_m
     assert (first[0], first[1], last[1]) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     assert last[0] > 0.9
     assert min(z for strip in strips.values() for _, _, z in strip.line_m) == pytest.approx(0.0, abs=1e-3)
+
     length_m = math.dist(*strips["shelf_low"].line_m)
     assert length_m == pytest.approx(1.5, abs=0.01)
 
@@ -117,6 +120,7 @@ def test_things_are_located_by_corners_tapped_in_two_views(solution: Solution, t
     box = tapped("crate", "box", [(0.0, 1.0, 0.8), (0.6, 1.0, 0.8), (0.6, 1.4, 0.8), (0.6, 1.4, 0.2)])
     shown = there(solution.thing)(screen)
     assert (len(shown.line_m), shown.pixels, there(shown.sigma_m) < 0.08) == (3, 0, True)
+
     path = tmp_path / "room.yaml"
     path.write_text(solution.map_text("shelf_low", (screen, box)))
     room = load_map(str(path), 0)
@@ -124,6 +128,7 @@ def test_things_are_located_by_corners_tapped_in_two_views(solution: Solution, t
     assert crate.size_m == pytest.approx((0.6, 0.4, 0.6), abs=0.02)
     # the origin is below the first LED of shelf_low, at the height of the lowest light
     assert crate.center_m == pytest.approx((0.3 - low[0][0], 1.2 - low[0][1], 0.5 - 0.308), abs=0.02)
+
     (front,) = room.planes
     assert front.size_m == pytest.approx((1.483, 0.8), abs=0.02)
 

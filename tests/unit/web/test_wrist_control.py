@@ -65,6 +65,7 @@ def test_arm_meets_the_mouse_as_seen_from_the_pose(wrists: WristControl, ray_mod
     wrists.pose("anna", models.UserPose(stamp_ns=0, position_m=(-1.0, 2.0, 0.0), yaw_rad=1.0))
     wrists.acquire("anna", "page1", "mouse")
     aim(wrists, "page1")
+
     origin, direction = there(ArmRay.from_profile(profile).ray(only(wrists.step(START)).orientation_xyzw))
     start_m = vector.add((-1.0, 2.0, 0.0), vector.rotate_z(origin, 1.0))
     sight = vector.subtract((4.0, 2.0, 1.0), start_m)
@@ -180,14 +181,17 @@ def test_status_line_shows_the_state_of_a_phone(wrists: WristControl) -> None:
     assert line.assumed.position_m == (1.0, 0.0, 0.0)
     assert line.assumed.yaw_rad == pytest.approx(math.radians(30.0))
     assert wrists.line("ben", START).assumed is None
+
     wrists.acquire("anna", "page1", "mouse")
     assert wrists.users_of("page1") == {"anna"}
     assert wrists.users_of("page2") == frozenset()
     assert wrists.line("anna", START, paired="phone1").phone == "waiting for the phone"
+
     wrists.turn("anna", "phone1", turn(), START)
     line = wrists.line("anna", START, paired="phone1")
     assert (line.moved_by, line.is_mine, line.battery) == ("mouse", False, 0.5)
     assert line.phone == "connected, does not move the arm"
+
     wrists.acquire("anna", "phone1", "phone")
     assert wrists.line("anna", START, paired="phone1").phone == "moves the arm"
     assert wrists.users_of("page1") == frozenset()

@@ -89,9 +89,11 @@ async def test_waiting_datagrams_give_the_newest_orientation_and_each_event() ->
         while len(wrist.of(Press)) < 10:  # the loop turns until the socket is readable
             turns += 1
             await asyncio.sleep(0)
+
         assert turns < 5
         await until(lambda: len(wrist.items) > 20)
         assert [type(item) for item in wrist.items] == [*([Reading, Press] * 10), Reading]
+
         *pressed, newest = wrist.of(Reading)
         assert [each.device_time_ns for each in pressed] == [
             1000 * (1000 * number + 1002) for number in range(0, 40, 4)
@@ -124,6 +126,7 @@ async def test_readings_above_the_limit_leave_newest_orientation_and_events() ->
                 phone.say(b"button")
                 presses += 1
             await asyncio.sleep(0)
+
         phone.say(content(OTHER))
         await until(lambda: readings(wrist)[-1] == OTHER)
         assert len(wrist.of(Press)) == presses

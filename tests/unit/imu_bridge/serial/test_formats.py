@@ -288,9 +288,11 @@ def test_independent_decoder_reads_the_same_rates_and_angles() -> None:
     assert isinstance(item, RawReading)
     body = witmotion_packet(RATE, *values)[2:10]
     rates_degps = protocol.AngularVelocityMessage.parse(body).w
+
     assert [math.degrees(value) for value in item.angular_velocity_radps] == pytest.approx(rates_degps)
     accelerations = protocol.AccelerationMessage.parse(body).a  # it takes g as 9.8 m/s²
     assert item.acceleration_mps2 == pytest.approx(accelerations, rel=1e-3)
+
     angles = protocol.AngleMessage.parse(body)
     item = framer().feed(witmotion_packet(ANGLES, *values) * 20, 0)[-1]
     assert isinstance(item, Reading)

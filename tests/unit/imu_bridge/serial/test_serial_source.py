@@ -247,6 +247,7 @@ async def test_search_lists_all_ports_and_opens_none_of_other_programs(
         finally:
             holder.kill()
             holder.wait()
+
         assert {address: device.label for address, device in found.items()} == {
             terminal(wrist): "UART: lines of text at 115200 baud",
             terminal(silent): "UART: silent",

@@ -147,6 +147,7 @@ def test_agv_that_cannot_drive_is_stopped_and_refuses_orders(
     bench.change(**change)
     bench.run(1.0)
     assert bench.virtual.base == [], "it does not drive on when that is over"
+
     again = bench.tell(Follow, FAR)
     for order in (path, again):
         state, reason = bench.outcomes(order)[-1]
@@ -155,6 +156,7 @@ def test_agv_that_cannot_drive_is_stopped_and_refuses_orders(
     bench.change()
     bench.run(0.5)
     there = bench.virtual.place
+
     bench.run(2.0)
     assert bench.virtual.place == there
     bench.tell(Follow, FAR)
@@ -324,6 +326,7 @@ def test_released_way_stays_short_and_a_stop_always_stops(chosen: list[tuple[str
         else:
             bench.agv.on_disconnected("gone")
         bench.run(0.4)
+
     assert bench.virtual.farthest_base_m <= 1.0 + 1e-6
     bench.virtual.extra = {}
     bench.is_lossy = lambda _topic: False

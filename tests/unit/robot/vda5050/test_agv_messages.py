@@ -117,6 +117,7 @@ def test_orders_and_actions_are_written_as_the_specification_wants(version: Vers
         "manufacturer": "KIT",
         "serialNumber": "0001",
     }
+
     assert topic == f"uagv/v{version[0]}/KIT/0001/order"
     edge = {"edgeId": "o.3", "sequenceId": 3, "startNodeId": "o.2", "endNodeId": "o.4", "maxSpeed": 0.5}
     assert json.loads(payload) == {
@@ -126,9 +127,11 @@ def test_orders_and_actions_are_written_as_the_specification_wants(version: Vers
         "nodes": [written_node(2, x=0.5, y=0.0), written_node(4, x=1.0, y=0.1235, theta=1.5)],
         "edges": [{**edge, "released": True, "actions": []}],
     }
+
     action = {"actionType": "cancelOrder", "actionId": "c", "blockingType": "NONE"}
     topic, payload = letterhead.actions([InstantAction("cancelOrder", "c")])
     assert topic == f"uagv/v{version[0]}/KIT/0001/instantActions"
+
     names = ("instantActions",) if version[0] == "1" else ("instantActions", "actions")
     assert json.loads(payload) == {**header, **{key: [action] for key in names}}
     _, second = letterhead.actions([InstantAction("cancelOrder", "d")])

@@ -26,14 +26,17 @@ def test_order_of_another_master_at_the_start_is_left_alone() -> None:
     bench.run(1.0)
     for publication in bench.agv.closing_messages():
         bench.deliver(publication)
+
     assert bench.outcomes(stop) == [("done", "")]
     assert bench.reports[-1].has_other_master
     assert bench.virtual.base == THEIRS
     assert "cancelOrder" not in str(bench.sent)
+
     bench.virtual.base = []
     bench.virtual.has_changed = True
     bench.run(0.2)
     assert not bench.reports[-1].has_other_master
+
     path = bench.tell(FollowPath, ((bench.virtual.place[0] + 1.0, 0.0, 0.0),))
     bench.virtual.extra = {}
     bench.run(3.0)

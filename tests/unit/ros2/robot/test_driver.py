@@ -103,11 +103,13 @@ async def test_a_ground_robot_reports_drives_and_stops(monkeypatch: pytest.Monke
         (lost,) = bench.items
         assert isinstance(lost, plugins.LinkLost)
         assert "no pose comes from /pose" in lost.reason
+
         bench.driver.command(plugins.FollowPath(1, ((1.0, 0.0, 0.0),)))
         assert bench.news == [(1, "refused")]  # it is not connected
         bench.is_at(0.5)
         assert bench.reports[-1].position_m == (0.5, 0.0, 0.0)
         assert bench.reports[-1].stamp_ns == START_NS
+
         bench.driver.command(plugins.Stop(2))  # harmless
         bench.driver.command(plugins.FollowPath(3, ((1.0, 0.0, 0.0),)))
         await until(lambda: (3, "accepted") in bench.news)

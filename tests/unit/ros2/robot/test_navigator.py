@@ -80,17 +80,21 @@ async def test_path_becomes_a_sequence_of_goals_done_at_the_last(bench: Bench) -
     pose = bench.nav2.goals[first].pose
     assert (pose.header.frame_id, pose.header.stamp.sec) == ("map", START_NS // plugins.NS_PER_S)
     assert abs(heading(bench, first) - 1.5707963) < 1e-6  # the way there
+
     bench.nav2.feedback(first)
     assert bench.distances_m == [0.75]
     bench.nav2.end(first, GoalStatus.SUCCEEDED)
     await until(lambda: len(bench.nav2.goals) == 2)
+
     second = list(bench.nav2.goals)[-1]
     assert abs(heading(bench, second) - 0.5) < 1e-6
     await settled()
     assert bench.news == [(1, "accepted"), (1, "active"), (1, "accepted")]
+
     bench.nav2.end(second, GoalStatus.SUCCEEDED)
     await until(lambda: (1, "done") in bench.news)
     assert bench.nav2.places_m == [(0.0, 1.0, 0.0), (2.0, 2.0, 0.0)]
+
     bench.passes(9.0)
     await settled()
     assert bench.nav2.cancelled == []
@@ -113,10 +117,12 @@ async def test_stop_cancels_goals_of_other_clients_until_the_server_answers(benc
     bench.nav2.clear_failures = 1
     bench.navigator.command(plugins.Stop(1))
     await until(lambda: bench.nav2.clears == 1)
+
     await settled()
     bench.passes(0.1)
     await settled()
     assert (bench.nav2.clears, foreign.done()) == (1, False)
+
     bench.passes(0.5)
     await until(foreign.done)
     await settled()
@@ -193,14 +199,17 @@ async def test_moving_place_is_a_new_goal_once_a_second(bench: Bench) -> None:
         bench.navigator.command(plugins.Follow(2 + count, (1.0 + 0.05 * count, 0.0, 0.0)))
     await settled()
     assert bench.nav2.places_m == [(1.0, 0.0, 0.0)]
+
     bench.passes(1.0)
     await until(lambda: len(bench.nav2.goals) == 2)
     assert bench.nav2.places_m[-1] == pytest.approx((1.95, 0.0, 0.0))
+
     bench.navigator.command(plugins.Follow(40, (2.0, 0.0, 0.0)))  # hardly any farther
     bench.passes(1.0)
     await settled()
     assert len(bench.nav2.goals) == 2
     assert bench.news == []  # who follows a cursor is told of no single goal
+
     old = next(iter(bench.nav2.goals))
     bench.passes(1.1)
     await until(lambda: bench.nav2.cancelled == [old])  # this server does not end it by itself
@@ -322,4 +331,5 @@ def test_goals_end_once_and_wanted_ones_are_never_cancelled(
         if book.wanted is None:
             assert book.to_cancel(now_ns + RETRY_NS) == cancelled
             assert book.has_unwanted == bool(cancelled)
+
     assert all(count == 1 for count in ends.values())

@@ -293,6 +293,7 @@ def test_detection_has_its_position_without_size_or_covariance() -> None:
         found.append(
             make("vision_msgs/msg/Detection3D", header=header, results=[result], bbox=box, id=f"{number}")
         )
+
     items, warnings = tracked(
         "vision_msgs/Detection3DArray", decoded(DETECTIONS, header=stamped(), detections=found)
     )

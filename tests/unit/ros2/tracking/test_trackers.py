@@ -124,6 +124,7 @@ async def test_odometry_gives_velocity_in_the_room_and_sigma_by_covariance(bridg
         ),
     )
     await until(lambda: bool(seen["agv2"]))
+
     (item,) = seen["agv2"][0].objects
     assert (item.id, item.kind) == ("agv-2", "robot")
     assert item.position_m == pytest.approx((10.0, 1.0, 0.0))
@@ -177,11 +178,13 @@ async def test_detections_are_objects_of_their_likeliest_class(bridge: Bench, se
     found = make("vision_msgs/msg/Detection3D", results=results, bbox=box, id="7")
     bridge.say("/detections", DETECTIONS, header=header(), detections=[found])
     bridge.clock.advance(0.1)
+
     await until(lambda: bool(seen["camera"]))
     (item,) = seen["camera"][0].objects
     assert (item.id, item.kind, item.length_m, item.yaw_rad) == ("camera-7", "robot_arm", 0.5, None)
     assert item.position_m == pytest.approx((6.0, 0.0, 0.0))
     assert item.position_sigma_m == pytest.approx(0.1)
+
     later = header(stamp_ns=START_NS + NS_PER_S // 10)
     bridge.say("/detections", DETECTIONS, header=later, detections=[])
     await until(lambda: len(seen["camera"]) == 2)
@@ -273,6 +276,7 @@ def test_any_message_is_an_object_or_a_warning(row: InboundRoute, data: st.DataO
         value.header.stamp.sec = 0
         value.header.frame_id = ""
         value.header.stamp.nanosec = 0
+
     for found in fresh.convert(value, "", scene, now_ns=NOW_NS, wall_ns=NOW_NS):
         if isinstance(found, ConversionWarning):
             assert found.sentence

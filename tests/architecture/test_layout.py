@@ -104,9 +104,11 @@ def test_folder_without_symbolic_links_says_so_in_a_sentence(
         (tmp_path / ".git").mkdir()
     links = [f"pointit/{name}" for name in sources.LINKS]
     files = ("pointit/__init__.py", "pointit/__main__.py", "scripts/demo", "scripts/lib.sh", *links)
+
     git = ("git", "-c", "core.symlinks=false", "checkout-index", f"--prefix={tmp_path}/")
     subprocess.run([*git, *files], cwd=ROOT, check=True)
     assert (tmp_path / "pointit/services").read_text() == "../services"
+
     told = python("-m", "pointit", "list", cwd=tmp_path)
     script = subprocess.run([tmp_path / "scripts/demo"], capture_output=True, text=True, check=False)
     for done in (told, script):
@@ -115,6 +117,7 @@ def test_folder_without_symbolic_links_says_so_in_a_sentence(
             assert remedy in sentence
         assert ("git config" in sentence) == is_checkout
         assert (done.returncode, done.stdout) == (2, "")
+
     imported = python("-c", "import pointit", cwd=tmp_path)
     assert f"ImportError: {tmp_path}/pointit: services, schemas and bridges are text files" in imported.stderr
 

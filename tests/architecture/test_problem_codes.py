@@ -68,4 +68,5 @@ def test_no_reader_takes_a_sentence_apart() -> None:
                 for each in searched
                 if isinstance(each, ast.Attribute | ast.Name) and parts.search(ast.unparse(each))
             ]
+
     assert found == []

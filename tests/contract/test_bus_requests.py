@@ -165,6 +165,7 @@ class TestRequests:
             asyncio.create_task(bus.call(SET_POSE, SetPose(position_m=(0, 0, 0)), "anna"))
             for bus in site.buses
         ]
+
         await until(lambda: len(asked) == len(calls), what="all to be asked")
         served.close()
         served.close()

@@ -32,6 +32,7 @@ class TestLatest:
         for seq in range(1, 101):
             for writer in writers.values():
                 writer.put(imu(seq))
+
         await until(lambda: all(sink.of(name)[-1:] == [100] for sink in sinks for name in writers))
         for sink, subscription in zip(sinks, subscriptions, strict=True):
             for name in writers:
@@ -225,6 +226,7 @@ class TestReaders:
         await site.settle()
         for seq in range(10):
             writer.put(press(seq))
+
         await until(lambda: subscription.traffic.received == 10 or bool(closed.seen))
         subscription.close()
         seen = list(closed.seen)
@@ -366,9 +368,11 @@ class TestClose:
         told = (list(sink.seen), list(roll.told))
         await closing
         site.a.announce(topics.USER_ALIVE, "carl")
+
         writer.put(press(50))
         await until(lambda: alive.of("ben")[-1:] == [50])
         assert (sink.seen, roll.told) == told
+
         uses: tuple[Callable[[], object], ...] = (
             lambda: latest.put(imu(1)),
             lambda: event.put(press(1)),

@@ -136,16 +136,19 @@ class TestPeopleShare:
         three.profiles["ben"].put(profile(1))
         three.profiles["anna"].put(profile(2))
         await until(lambda: len(three.default.profile.seen) == 2)
+
         shard = await start_shard(three)
         await until(lambda: shard.profile.seen == [("anna", 2)])
         three.profiles["anna"].put(profile(3))
         await until(lambda: shard.profile.of("anna") == [2, 3])
+
         await three.site.settle()
         assert three.default.profile.of("anna") == [2]
         await shard.bus.close()
         await until(lambda: three.default.profile.of("anna") == [2, 3])
         assert three.default.profile.of("ben") == [1]
         assert three.default.share.serves("anna")
+
         await flows(three.wrists["anna"], "anna", three.default.imu)
         await flows(three.wrists["carl"], "carl", three.default.imu)  # all again
         await until_served_by(three.site.c, "anna", "pui")
@@ -206,6 +209,7 @@ class TestPeopleShare:
         await flows(wrists["carl"], "carl", default.imu)
         three.tokens[1].close()  # ben's services outlive their presence
         await until(lambda: len(timers) == 2)
+
         await flows(wrists["ben"], "ben", default.imu)
         assert default.figures == {"people heard": 2.0, "people of shards": 1.0}
         pending = [*timers]
@@ -214,10 +218,12 @@ class TestPeopleShare:
             timer()
         assert len(timers) == 2, "both were heard in the meantime"
         assert default.figures["people heard"] == 2.0
+
         monkeypatch.setattr(people_share, "FORGET_S", 0.0)
         three.site.c.announce(USER_ALIVE, "ben")
         three.site.c.announce(USER_ALIVE, "dora")  # known after ben's return
         await until(lambda: default.figures["people heard"] == 3.0)
+
         for timer in timers[:2]:
             timer()
         assert len(timers) == 2

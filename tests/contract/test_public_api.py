@@ -67,12 +67,14 @@ def test_each_request_is_a_method_with_its_fields(row: Request[Any, Any]) -> Non
         assert (name.default, name.annotation) == (inspect.Parameter.empty, str)
     fields: dict[str, FieldInfo] = row.query.model_fields
     expected = ["name", "dwell_s"] if row is SET_METHOD else list(fields)  # its `method` is older than `name`
+
     assert [each.name for each in parameters] == expected
     for each in parameters:
         field = fields[each.name]
         default = inspect.Parameter.empty if field.is_required() else field.default
         assert each.default == default, each.name
         assert choices(each.annotation) == choices(field.annotation), each.name
+
     arguments: dict[Any, Any] = dict(
         zip(group.__parameters__, typing.get_args(group.__orig_class__), strict=True)
     )

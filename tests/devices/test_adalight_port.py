@@ -21,6 +21,7 @@ async def test_port_opens_with_a_dark_frame_that_contains_no_command() -> None:
     # On a busy machine this device is read so late that the port is opened again, with another dark frame.
     async with background(output.run()):
         await until(lambda: frame in device.received)
+
     assert device.received.startswith(dark)
     await device.unplug()
     device.close()

@@ -93,6 +93,7 @@ def test_chosen_entities_become_things_of_a_map_whose_text_stays() -> None:
     content = b"# mine\nthings:\n  hall: {home_assistant: light.hall}  # known\n"
     chosen = chosen_entities(entities, ["light.*"], ["kitchen"])
     text, names = with_things(content, Path("room.yaml"), chosen)
+
     assert names == ["desk", "desk_2"]
     assert text.startswith(content)
     assert text.decode().splitlines()[3:] == [
@@ -100,6 +101,7 @@ def test_chosen_entities_become_things_of_a_map_whose_text_stays() -> None:
         "  desk_2: {home_assistant: switch.desk, label: Desk}",
     ]
     assert with_things(text, Path("room.yaml"), chosen)[1] == [], "again"
+
     kueche = [HomeEntity("Küche", "light.desk", "Desk lamp", "on")]
     assert chosen_entities(kueche, [], [unicodedata.normalize("NFD", "küche")]) == kueche, "as macOS has it"
     with pytest.raises(ConfigError, match=r"^--area Kitchen: has no entities; there are none$"):
@@ -160,6 +162,7 @@ async def test_thing_follows_its_entity_and_failures_have_a_cause(
         memory_home.is_deaf = True
         await fail("unavailable: shell_command.run on light.desk is not allowed: list it in `home-ass", "odd")
         await fail("no_effect: light.desk did not go off in Home Assistant: is it powered, and in reach?")
+
         memory_home.set(LAMP, "unavailable")
         await until(lambda: site.states["desk"].state == "unavailable", what="the lamp to have gone")
         await fail("unavailable: light.desk is unavailable in Home Assistant: look into its integration")
@@ -212,6 +215,7 @@ async def test_wrong_types_from_home_assistant_are_skipped_and_nothing_ends(
         site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"))
         launch = start(bench, config_of(tmp_path, port))
         await until(lambda: "desk" in site.selected, what="the state of the lamp")
+
         states: list[object] = [
             *(7, "on", {"entity_id": LAMP, "state": ["on"]}),
             {"entity_id": LAMP, "state": "on", "attributes": 1},
@@ -219,6 +223,7 @@ async def test_wrong_types_from_home_assistant_are_skipped_and_nothing_ends(
         for state in states:
             memory_home.fire("state_changed", {"entity_id": LAMP, "new_state": state})
         memory_home.fire("state_changed", {"entity_id": [LAMP], "new_state": None})
+
         memory_home.set("switch.fan", "on")
         await until(lambda: "fan" in site.selected, what="the state of the fan")
         assert not launch.done()
@@ -267,11 +272,13 @@ async def test_slow_lamp_shows_no_hover_after_two_slow_calls(
         site = HomeSite(bench, thing("desk", LAMP))
         start(bench, config_of(tmp_path, port, max_hover_latency_s=0.1))
         await until(lambda: "desk" in site.selected, what="the state of the lamp")
+
         for _ in range(2):
             async with site.hovering("desk"):
                 await until(lambda: brightness(memory_home) == 120, what="the hover")
             await until(lambda: brightness(memory_home) == 100, what="the lamp to return")
         assert "light.desk takes 0." in caplog.text
+
         calls = len(memory_home.calls)
         async with site.hovering("desk"):
             await asyncio.sleep(1.5)
@@ -291,12 +298,14 @@ async def test_rejected_token_is_sent_once_and_reported_until_it_changes(
         site = HomeSite(bench, thing("desk", LAMP))
         start(bench, config_of(tmp_path, port))
         await until(lambda: bool(health) and "rejects the token in" in str(health[-1]), what="the reason")
+
         await asyncio.sleep(3.0)
         assert memory_home.logins == [TOKEN], "more would make Home Assistant block this machine"
         token_file(tmp_path, "another")
         await until(lambda: "desk" in site.selected, what="the new token")
         published = f"{health} {configurations} {caplog.text}"
     secret = TOKEN.rpartition(".")[2]
+
     assert configurations
     assert secret not in published
     assert "another" not in published
@@ -391,12 +400,15 @@ async def test_http_and_https_mixed_up_name_the_right_address(
         assert f"encrypts: write https://127.0.0.1:{port} as `url`" in await refusal(
             config_of(tmp_path, port)
         )
+
         config = config_of(tmp_path, port, url=f"https://127.0.0.1:{port}")
         assert "is not trusted (" in (problem := await refusal(config))
         assert "set the variable SSL_CERT_FILE to a file with its authority's certificate" in problem
+
         monkeypatch.setenv("SSL_CERT_FILE", str(authority))
         async with connected(config):
             pass
+
     port = free_port()
     assert f"no Home Assistant answers at http://127.0.0.1:{port}" in await refusal(config_of(tmp_path, port))
 
@@ -456,12 +468,15 @@ def test_exposed_token_file_is_refused_unless_the_system_provides_it(
     path.chmod(0o640)
     with pytest.raises(ConfigError, match=r"token: others can read it; make it yours alone with `chmod 600"):
         config.read_token()
+
     path.chmod(0o440)
     monkeypatch.setattr(os, "geteuid", lambda: me + 1)
     assert config.read_token()
+
     path.chmod(0o444)
     with pytest.raises(ConfigError, match="others can read it"):
         config.read_token()
+
     mount = os.statvfs(path)
     read_only = os.statvfs_result((*mount[:8], mount.f_flag | os.ST_RDONLY, *mount[9:]))
 

@@ -111,6 +111,7 @@ async def test_cue_drives_motor_and_led_until_a_newer_cue_starts() -> None:
         await session.until(lambda: len(board.commands) >= 5)
         assert board.commands[4].hex() == "0801f8320000"
         assert loop.time() - asked_s == pytest.approx(0.25, abs=0.03)
+
         board.commands.clear()
         session.source.cue(Feedback(stamp_ns=1, seq=2, cue="target", haptic_ms=(50, 400, 50)))
         await asyncio.sleep(0.1)
@@ -148,10 +149,12 @@ async def test_lost_board_reconnects_and_keeps_its_yaw_unless_restarted(*, is_re
         await session.until(lambda: len(session.of(Reading)) > 10)
         await session.wrist.vanish()
         await session.until(lambda: bool(session.of(Disconnected)))
+
         address = session.wrist.address
         (lost,) = session.of(Disconnected)
         assert lost.reason.startswith(f"MetaMotion {address} has lost the connection: bring it near")
         assert not session.health.warnings  # of `Disconnected`, imu-bridge makes a warning
+
         await asyncio.sleep(30.0)
         assert "no MetaMotion is heard; searching" in session.health.warnings["link"]
         if is_restarted:
@@ -206,6 +209,7 @@ async def test_silent_board_is_configured_again_and_then_reset(monkeypatch: pyte
         assert not session.health.warnings
         assert (board.resets, session.wrist.connections) == (0, 1)
         assert session.of(Reconnected) == [Reconnected(keeps_yaw=False)] * 2
+
         (again,) = [at for at, (_, item) in enumerate(session.items) if isinstance(item, Reconnected)][1:]
         assert sum(isinstance(item, Reading) for _, item in session.items[:again]) == count
         board.restart()
@@ -213,6 +217,7 @@ async def test_silent_board_is_configured_again_and_then_reset(monkeypatch: pyte
         count = len(session.of(Reading))
         await session.until(lambda: len(session.of(Reading)) > count)
         assert (board.resets, session.wrist.connections) == (1, 2)
+
         (lost,) = session.of(Disconnected)
         assert "is connected but is still silent, and was reset; searching again" in lost.reason
         assert session.of(Reconnected)[-1] == Reconnected(keeps_yaw=False)

@@ -112,6 +112,7 @@ async def test_a_person_localizes_by_the_lamps_of_a_smart_home(port: int) -> Non
             lit.add(topic)
         assert len(lit) <= 1, "a lamp to point at is lit alone"
     white = {"state": "ON", "brightness": 254, "color": {"r": 255, "g": 255, "b": 255}}
+
     assert sum(white in light.states for light in lights.values()) >= 3
 
 
@@ -128,6 +129,7 @@ async def test_lamps_follow_their_newest_colour_and_end_dark(port: int) -> None:
         await until(lambda: len(heard) >= 6, what="the end")
     desk = "zigbee2mqtt/desk/set"
     door = "zigbee2mqtt/door/set"
+
     assert heard[0] == ("pointit/status", b"online")
     assert heard[1] == (desk, b'{"state":"ON","brightness":127,"color":{"r":0,"g":255,"b":0}}')
     assert sorted(heard[2:4]) == [
@@ -146,13 +148,16 @@ async def test_offline_lamp_is_reported_and_gets_its_colour_when_back(port: int)
             assert health.warnings[topic].endswith(
                 "offline: desk; switch them on at the wall, or look into their bridge"
             )
+
             output.show_lamp("desk", RED)
             output.show_lamp("door", GREEN)
             await until(lambda: len(heard) >= 1, what="a command")
+
             await bridge.publish("zigbee2mqtt/desk/availability", "online", qos=1, retain=True)
             await until(lambda: len(heard) >= 2, what="the lamp that is back")
             assert [each for each, _ in heard] == ["zigbee2mqtt/door/set", "zigbee2mqtt/desk/set"]
             assert health.warnings == {}
+
             await bridge.publish("zigbee2mqtt/bridge/state", '{"state":"offline"}', qos=1)
             await until(lambda: "offline: desk, door;" in health.warnings.get(topic, ""), what="both")
 
@@ -170,12 +175,15 @@ async def test_availability_in_other_makers_words_is_described_or_named(port: in
             assert "offline: desk;" in health.warnings[names[0]]
             assert "hub/link reports" in health.warnings[names[1]]
             assert "`online` and `offline`" in health.warnings[names[1]]
+
             output.show_lamp("desk", RED)
             output.show_lamp("door", GREEN)
             await until(lambda: len(heard) >= 1, what="the lamp of which nothing is known")
+
             await bridge.publish("tele/desk/LWT", "Online", qos=1, retain=True)
             await until(lambda: len(heard) >= 2, what="the lamp that is back")
             assert [topic for topic, _ in heard] == ["zigbee2mqtt/door/set", "zigbee2mqtt/desk/set"]
+
             await bridge.publish("hub/link", "", qos=1, retain=True)
             await until(lambda: not health.warnings, what="a topic without a message to be no problem")
     words = {"online": '{"link": "strong"}', "offline": '{"link": "weak"}'}
@@ -285,6 +293,7 @@ async def test_broker_gets_its_password_from_the_environment_or_a_file(
     users.chmod(0o600)
     hashed = await asyncio.create_subprocess_exec("mosquitto_passwd", "-U", str(users))
     assert await hashed.wait() == 0
+
     secret.write_text("sesame\n", encoding="utf-8")
     secret.chmod(0o600)
     options = f"allow_anonymous false\npassword_file {users}\nuser root\n"
@@ -292,6 +301,7 @@ async def test_broker_gets_its_password_from_the_environment_or_a_file(
         await until(lambda: is_listening(port), what="the broker")
         (found,) = await find_lamps_on("127.0.0.1", port, 10.0)
         assert found.label == "MQTT broker that asks for a user name"
+
         async with lamps_on(port) as (_output, health):
             await until(lambda: "set `username` and MQTT_PASSWORD" in str(health.warnings), what="a refusal")
         monkeypatch.setenv("MQTT_PASSWORD", "open")

@@ -178,6 +178,7 @@ async def test_one_session_per_user_name_is_reported_with_its_remedy(
     passwords = tmp_path / "passwords"
     making = await asyncio.create_subprocess_exec("mosquitto_passwd", "-b", "-c", passwords, "anna", "sesame")
     assert await making.wait() == 0
+
     options = f"password_file {passwords}\nuse_username_as_clientid true\nuser root\n"
     caplog.set_level(logging.WARNING)
     with broker(tmp_path, options=options) as port:
@@ -189,6 +190,7 @@ async def test_one_session_per_user_name_is_reported_with_its_remedy(
             output.show_lamp("desk", RED)
             await until(lambda: "desk" in output._commands.lit, what="the command")
             assert not health.warnings
+
     gc.collect()
     assert not [each for each in caplog.records if each.name == "asyncio"]
 

@@ -78,6 +78,7 @@ async def test_a_restart_switches_nothing_off_and_nothing_reacts_to_it(port: int
             assert [(each.event, each.user, each.reason) for each in events] == [
                 ("selected", "mqtt", REPORTED)
             ]
+
             for user, on in (("ben", False), ("cleo", True), ("anna", False)):
                 await switch(bench, user, on=on)
                 state = "ON" if on else "OFF"
@@ -149,6 +150,7 @@ async def test_act_without_a_broker_is_refused_and_never_sent_later(
         for user in ("anna", "ben", "cleo"):
             with pytest.raises(RefusedError, match=f"127.0.0.1:{port}: the broker cannot be reached"):
                 await switch(bench, user)
+
         with broker(tmp_path, port):
             async with overheard(port, "#") as heard:
                 await until(lambda: problems() == {""}, what="the broker to be there")
@@ -157,10 +159,12 @@ async def test_act_without_a_broker_is_refused_and_never_sent_later(
                 await until(lambda: "ben" in str(told(heard, topic)), what="the state")
                 assert [each["user"] for each in told(heard, topic)] == ["", "ben"]
         await until(lambda: problems() != {""}, what="the loss of the broker")
+
         point(bench, "screws")
         results = bench.collect(ACT_RESULTS)
         await until(lambda: bool(results), what="the result")
         assert (results[0].result, results[0].code) == ("failed", "unavailable")
+
         with broker(tmp_path, port):
             async with overheard(port, "#") as heard:
                 await until(lambda: len(found(heard)) == 3, what="announcements to a broker that forgot them")
@@ -180,14 +184,17 @@ async def test_home_assistant_gets_all_again_when_it_has_started(port: int) -> N
         await until(lambda: bool(told(heard, state_topic(bench))), what="the broker")
         await switch(bench)
         await until(lambda: "ON" in str(told(heard, state_topic(bench))), what="all")
+
         for topic in {topic for topic, _ in heard if topic.endswith("/config")}:
             await home.publish(topic, b"", qos=1, retain=True)
         await until(lambda: not found(heard), what="the device to be deleted")
+
         await home.publish("homeassistant/status", b"offline", qos=1)
         heard.clear()
         await home.publish("homeassistant/status", b"online", qos=1)
         await until(lambda: len(found(heard)) == 3, what="announcements")
         await until(lambda: "ON" in str(told(heard, state_topic(bench))), what="the state")
+
         events = [topic for topic, _ in heard if topic.endswith(("/screws", "/seat"))]
         assert events == [], "an event is no state"
         point(bench, "screws")

@@ -20,6 +20,7 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         results = bench.collect(ACT_RESULTS)
         watcher.on_map(ROOM)
         await until(lambda: len(found(heard)) == 3, what="announcements")
+
         screws = found(heard)["event screws"]
         seat = found(heard)["event seat"]
         radio = found(heard)["switch radio"]
@@ -27,11 +28,13 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         assert seat["event_types"] == ["pointed", "released"]
         assert SwitchInfo.model_validate(radio).unique_id == radio["unique_id"]
         assert len({each["unique_id"] for each in (screws, seat, radio)}) == 3
+
         triggers = {f"{TRIGGER}{name}" for name in ("screws_pointed", "seat_released", "radio_pressed")}
         await until(lambda: triggers <= announced(heard).keys(), what="the triggers of the device")
         assert "availability_topic" not in screws, "an event that comes back looks like one that happens"
         await until(lambda: (radio["availability_topic"], b"online") in heard, what="availability")
         assert told(heard, radio["state_topic"]) == [], "nobody knows it yet"
+
         bench.put(SELECTION, Selection(stamp_ns=1))
         await until(lambda: bool(told(heard, radio["state_topic"])), what="the state of the switch")
         for name in ("screws", "seat", "radio"):
@@ -42,6 +45,7 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         chosen = SelectedObject(id="radio", user="anna", since_ns=1, confidence=0.9)
         bench.put(SELECTION, Selection(stamp_ns=2, objects=(chosen,)))
         pointed = {"event_type": "pointed", "user": "anna", "confidence": 0.9, "cause": ""}
+
         await until(lambda: len(told(heard, seat["state_topic"])) == 2, what="events")
         assert told(heard, screws["state_topic"]) == [pointed], "that a button is over is no event"
         assert told(heard, seat["state_topic"]) == [pointed, {**pointed, "event_type": "released"}]

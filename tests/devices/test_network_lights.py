@@ -90,12 +90,14 @@ async def test_published_frames_arrive_pixel_for_pixel_on_two_outputs(
         outputs, lambda: all(len(set(device.frames())) > FRAMES for device in (first, second))
     ):
         pass
+
     await until(lambda: not any(any(device.frames()[-1]) for device in (first, second)))
     require_shown(first.frames(), [mixed(strips) for strips in published])
     white = [b"".join(bytes((*pixel, 0)) for pixel in strips["1"]) for strips in published]
     require_shown(second.frames(), white)
     types = {str(Packet.from_bytes(each).header.pixel_config.data_type.name) for each in second.datagrams}
     assert types == {"RGBW"}
+
     for device in (first, second):
         await device.unplug()
         device.close()

@@ -86,6 +86,7 @@ async def test_frames_arrive_pixel_for_pixel_and_the_last_is_dark(ola: Ola, kind
             pixels = b"".join(strip.rgb for strip in shown.strips)
             await ola.until(first, functools.partial(begins, pixels[:FIRST]))
             await ola.until(second, functools.partial(begins, pixels[FIRST:]))
+
     for universe in (first, second):
         await ola.until(universe, is_dark)
 

@@ -73,13 +73,16 @@ def test_steps_of_the_named_strip_are_lit_and_told(
         monkeypatch.setattr(outputs, name, 0.4)
     monkeypatch.setattr(outputs, "RUN_PICTURES", 3)
     monkeypatch.setattr(outputs, "CONNECT_S", 0.5)
+
     arguments = ["scenario_3", "--strip", "1", *output_of(receiver)]
     done = CliRunner().invoke(outputs.command, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert done.output.count("strip 1: ") == done.output.count("strip") == 5
+
     frames = pixels_of(receiver)
     assert {len(frame) for frame in frames} == {2 * 3 * COUNT}
     assert not any(any(frame[: 3 * COUNT]) for frame in frames)  # strip 0
+
     seen = [frame[3 * COUNT :] for frame in frames]
     wanted = [
         GREEN + bytes(3 * COUNT - 6) + RED,
@@ -89,6 +92,7 @@ def test_steps_of_the_named_strip_are_lit_and_told(
         bytes(3 * COUNT),
     ]
     places = [seen.index(picture) for picture in wanted[:-1]]
+
     assert places == sorted(places)
     assert seen[-1] == wanted[-1]
 
@@ -104,9 +108,11 @@ def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
             assert process.stdout.readline().startswith("strip ")
             times_s.append(time.monotonic())
             os.write(keyboard, b"\n")
+
         assert process.wait(timeout=90) == 0
     os.close(keyboard)
     unhurried_s = 2 * (outputs.ENDS_S + outputs.RUN_S + 3 * outputs.COLOR_S) - outputs.COLOR_S
+
     assert times_s[-1] - times_s[0] < unhurried_s / 2, "steps are not waited for"
     assert not any(pixels_of(receiver)[-1])
 

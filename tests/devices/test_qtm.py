@@ -105,6 +105,7 @@ async def test_damaged_packets_cost_themselves_only() -> None:
         qtm.send(qtm_server.packet(qtm_server.EVENT, b"") + qtm_server.packet(9, b"unknown"))
         await until(lambda: watcher.figure("damaged packets") == len(packets) + 1, what="each to be counted")
         assert watcher.warns("packets that cannot be read")
+
         before = len(watcher.objects)
         await until(lambda: len(watcher.objects) > before + 25)
         assert watcher.sees("cup")

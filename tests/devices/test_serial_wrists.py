@@ -109,6 +109,7 @@ async def test_official_decoder_reads_the_messages_that_the_tests_send() -> None
         connection.close()
         os.close(device)
         os.close(program)
+
     assert received == expected
 
 

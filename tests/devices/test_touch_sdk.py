@@ -155,12 +155,14 @@ async def test_app_that_ends_is_disconnected_and_found_after_its_restart() -> No
         await session.until(lambda: bool(session.of(Disconnected)))
         assert "has ended the connection: its app was closed" in session.of(Disconnected)[0].reason
         assert not session.wrist.is_connected
+
         await session.wrist.vanish()
         watch.unix_ms += 60_000
         await asyncio.sleep(ENDED_S + 10.0)
         assert (
             "is not heard" in session.health.warnings["link"] or "no Touch" in session.health.warnings["link"]
         )
+
         count = len(session.of(Reading))
         await session.wrist.appear()
         await session.until(lambda: len(session.of(Reading)) > count + 10)
@@ -175,6 +177,7 @@ async def test_sleeping_watch_is_named_and_wakes_with_another_yaw_origin() -> No
         await session.until(lambda: len(session.of(Reading)) > 10)
         watch.is_streaming = False
         await session.until(lambda: "battery optimisation" in session.health.warnings.get("link", ""))
+
         await asyncio.sleep(5.0)
         assert len(watch.inputs) == 1
         count = len(session.of(Reading))
@@ -183,6 +186,7 @@ async def test_sleeping_watch_is_named_and_wakes_with_another_yaw_origin() -> No
         assert session.wrist.connections == 1
         assert session.of(Reconnected) == [Reconnected(keeps_yaw=False)] * 2
         assert not session.health.warnings
+
         watch.is_streaming = False
         await session.until(lambda: session.wrist.connections == 2)
         assert "battery optimisation" in session.of(Disconnected)[0].reason

@@ -231,12 +231,14 @@ async def test_order_of_another_master_is_shown_and_left_alone(port: int, node: 
         # it waits at the start until the rest is released, however long that takes here
         await other.publish(f"{TOPICS}/order", order_of_another(START, end, released=1), qos=1)
         await until(lambda: bool(states[-1][1]["nodeStates"]), PATIENCE_S, lambda: f"their order: {states}")
+
         pilotage = Pilotage(bench)
         async with running(run_service(launch, bench.bus, bench.clock)):
             shown = await pilotage.until(lambda state: "another master control" in state.reason)
             assert shown.user == ""
             with pytest.raises(RefusedError, match="another master control"):
                 await bench.bus.call(STOP_ROBOT, StopRobot(), ROBOT)
+
             await other.publish(f"{TOPICS}/order", order_of_another(START, end, released=2, update=1), qos=1)
             shown = await pilotage.until(lambda state: state.phase == "moving", PATIENCE_S)
             assert shown.user == ""
@@ -244,6 +246,7 @@ async def test_order_of_another_master_is_shown_and_left_alone(port: int, node: 
             await pilotage.until(lambda state: state.position_m[0] > START[0] + 3.5, PATIENCE_S)
         async with running(run_service(launch, bench.bus, bench.clock)):
             await pilotage.until(lambda state: state.phase == "idle" and not state.reason, PATIENCE_S)
+
         assert states[-1][1]["orderId"] == "theirs"
         assert states[-1][1]["lastNodeId"] == "theirs.1", "it has arrived"
         kinds = {each["actionType"] for _, heard in actions for each in heard["actions"]}

@@ -176,11 +176,13 @@ async def test_refusals_name_the_reason() -> None:
         await stage.point((1.6, 0.3, 0.78), 0.1)
         await stage.press(0.1)
         assert "is on its way to box" in stage.state.text
+
         await stage.point(NEXT_M)
         await stage.press()
         await stage.point((1.4, 0.1, 0.78))
         await stage.press()
         assert "occupied by box3" in stage.state.text
+
         await stage.point((0.6, 0.0, 0.78))
         assert "out of reach" in stage.state.text
         await stage.press(0.5, user="ben")

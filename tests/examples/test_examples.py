@@ -98,9 +98,11 @@ async def test_dashboard_shows_light_people_and_selection() -> None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)} is in PATH")
     bus = MemoryBus(LocalBroker())
     bench = Bench(bus, WallClock())
+
     port = free_port()
     bench.start(SERVICE, FoxgloveConfig(port=port))
     await until(lambda: is_listening(port), what="the bridge listens")
+
     bench.put(STRIPS_FRAME, StripsFrame(stamp_ns=1, strips=(StripFrame(id="s", rgb=b"\xff\x00\x00" * 10),)))
     bench.put(HOVER, Hover(stamp_ns=1, object_id="7", progress=0.5, action="select"), "anna")
     selected = SelectedObject(id="3", user="ben", since_ns=1, kind="red")
@@ -178,4 +180,5 @@ async def test_relay_sends_selections_takes_speed(broker_port: int, caplog: pyte
         await until(lambda: "selected" in [each["event"] for each in received.get("pointit/events", ())])
     selected = next(each for each in received["pointit/selection"] if each)[0]
     event = next(each for each in received["pointit/events"] if each["event"] == "selected")
+
     assert (selected["id"], selected["kind"], selected["user"]) == (event["object_id"], "red", "user1")

@@ -66,6 +66,7 @@ async def test_the_recogniser_is_found_and_gives_words_with_times(
         monkeypatch.setenv("VOSK_MODEL", str(tmp_path))
         vocabulary = Vocabulary(names=names_of(["rover"]), verbs=("heat",))
         (said,) = [each async for each in make("vosk", {}).hear(Blocks(), vocabulary)]
+
     assert [(word.text, word.start_ns - START_NS) for word in said.words] == [
         ("take", 2 * NS_PER_S),
         ("that", 5 * NS_PER_S // 2),

@@ -36,10 +36,12 @@ def test_selection_study_is_whole_after_kill_9_in_the_middle(tmp_path: Path) -> 
             assert time.monotonic() < end_s
             time.sleep(0.02)
         os.kill(killed.pid, signal.SIGKILL)
+
     done = subprocess.run(run, check=True, capture_output=True, text=True)
     assert done.stdout.startswith(f"{PEOPLE - 1} simulated participants have done")
     checked = subprocess.run(command("check", str(data)), check=True, capture_output=True, text=True)
     assert "nothing is missing or wrong" in checked.stdout
+
     rows = [row for file in sorted(data.glob("*/trials.csv")) for row in read_rows(file)]
     assert len(rows) == PEOPLE * TRIALS  # none is there twice
     cells = Counter((row["method"], row["width"]) for row in rows if row["practice"] == "0")

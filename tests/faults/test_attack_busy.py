@@ -46,6 +46,7 @@ async def test_three_insiders_returning_after_each_block_take_nobodys_cursor(
             gap_s, most_s = await site.gap_of_three(what)
             if gap_s <= most_s:
                 break
+
         account.add(
             f"three insiders who come back ({what.format('…')})",
             None,

@@ -71,6 +71,7 @@ async def test_a_stopped_reader_holds_nobody_up(site: Site, account: Account, na
         readers = [site.start("topic", "hz", "--all", name=name) for name in names]
         for reader in readers:
             await until(lambda reader=reader: "Hz" in reader.out or "hz" in reader.out, 20, reader.out)
+
         attacked.begin()
         for reader in readers:
             reader.process.send_signal(signal.SIGSTOP)
@@ -80,9 +81,11 @@ async def test_a_stopped_reader_holds_nobody_up(site: Site, account: Account, na
         for reader in readers:
             reader.process.send_signal(signal.SIGCONT)
             reader.kill()
+
         await attacked.unharmed()
         assert within(late_s, LATE_S)
         assert growth_mb < GROWTH_MB
+
         lost = f"nothing; cursors {1e3 * late_s:.0f} ms old"
         attacked.row(account, "dashboards that stand still for 6 s", None, "nobody: they only look on", lost)
 
@@ -116,6 +119,7 @@ async def test_ten_megabytes_go_nowhere(
             await attacked.is_told(f"plant/{name} ", asks)  # may be by the next report, which has only news
         count = len(keys) + len(requests)
         await until(lambda: attacked.refused_since >= count, 10, f"all {count} to be refused")
+
         await attacked.unharmed()
         assert attacked.growth_mb() < LARGE_GROWTH_MB
         may = "may" if name == "supervisor" else "may not"
@@ -151,6 +155,7 @@ async def test_random_bytes_of_who_may_write_are_dropped_and_counted(site: Site,
                 assert all(reply.ok is None for reply in replies), key
         await attacked.unharmed()
         assert attacked.growth_mb() < LARGE_GROWTH_MB
+
         by = "doctor: failing, at every reader"
         attacked.row(account, "random bytes on every key, by who may write it", noticed_s, by)
 
@@ -224,6 +229,7 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
             recorder = Recorder(member)
             await seen.sees_more_selected()
             await until(lambda: SELECTION_EVENTS.at() in {each.key for each in recorder.taken}, FLOWS_S)
+
             recorded = recorder.end(last_s=2.0)
             await asyncio.sleep(LATER_S)
             count = len(seen.told())
@@ -233,6 +239,7 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
             played_ns = time.time_ns()
             played_s = time.monotonic()
             playing = asyncio.create_task(play(member, recorded))
+
             await until(lambda: all(complains(seen, reader) for reader in READERS), NOTICED_S, "health")
             noticed_s = time.monotonic() - played_s
             await playing
@@ -244,14 +251,17 @@ async def test_nobody_takes_a_recording_for_new(site: Site, account: Account) ->
                 new_s = at_s
             elif (each.stamp_ns, each.seq) not in old and at_s - new_s < SILENT_S / 2:
                 taken.append(each)
+
         assert len(taken) <= len(recorded) * MOST_TAKEN, "rays and cursors were made of what is old"
         ended_s = time.monotonic()
         await seen.flows()
         await seen.agrees(site)
         assert len(seen.told()) >= count
+
         await seen.keeps(selected)
         seen.is_undisturbed(before)
         await until(lambda: not any(complains(seen, each) for each in READERS), FLOWS_S, "all to be well")
+
         account.add(
             f"replay of {len(recorded)} samples, rays, cursors, objects, events",
             noticed_s,
@@ -282,6 +292,7 @@ async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, nam
             samples = recorder.end(last_s=1.0)
             await asyncio.sleep(OLD_S)
             assert len(samples) > 10
+
             attacked.begin()
             if name == "supervisor":  # may write all that; a reader distinguishes old from new
                 words = "were older than those before them"
@@ -295,6 +306,7 @@ async def test_old_samples_move_nobodys_cursor(site: Site, account: Account, nam
                 say(evil, samples)
                 await asyncio.sleep(0.1)
         assert attacked.seen.stale(attacked.began_ns, OLD_S) == 0
+
         await attacked.unharmed()
         who = "their own writer" if name == "supervisor" else "another person"
         by = f"doctor: {instance}"

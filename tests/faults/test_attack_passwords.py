@@ -172,6 +172,7 @@ async def test_a_right_password_opens_nobody_elses_door(password_site: Site, acc
                 )
                 ear.hears(CURSOR.at(VICTIM))
                 assert set(ear.keys) == {CURSOR.at(VICTIM)}
+
                 # a twin shares their name, and is unharmed too
                 twins.hears(POSE.at(EVIL), lambda: evil.put(POSE.at(EVIL)))
         await attacked.unharmed()
@@ -192,9 +193,11 @@ async def test_an_old_password_is_refused_and_told_of(
         attacked.begin()
         async with new_rules(password_site):
             folder.renew(["mallory"], now())
+
         noticed_s = await attacked.is_told("an unknown or former password from 127.0.0.1")
         attacked.row(account, "a replaced password, by who was connected", noticed_s, BY)
         await until(lambda: "refuses mallory's password" in bus.problem, 10, "the process to know why")
+
         await asyncio.to_thread(keeps_out, link_of(old, "mallory"), rightful=link_of(folder, "mallory"))
         with Member(folder, "eve") as evil:
             attacked.begin()
@@ -215,6 +218,7 @@ async def test_no_password_is_seen_where_it_does_not_belong(password_site: Site)
     lines = (site.folder.path / "router" / "users.txt").read_text().splitlines()
     secrets = [line.rpartition(":")[2].encode() for line in lines]
     assert all(len(secret) > 30 for secret in secrets)
+
     async with besieged(site):
         operator = {**site.environment("operator"), "RUST_LOG": "trace"}
         commands = [
@@ -227,6 +231,7 @@ async def test_no_password_is_seen_where_it_does_not_belong(password_site: Site)
         for command in commands:
             assert (await command.end()).out
         assert site.run is not None
+
         family = [*site.run.family(), *site.router.family()]
         seen = {f"{process.pid}: {process.cmdline()}": str(process.cmdline()).encode() for process in family}
         seen |= {f"{process.pid}: variables": str(process.environ()).encode() for process in family}
@@ -251,6 +256,7 @@ def test_fake_router_gets_no_password(tmp_path: Path) -> None:
         come = partial(is_not_let_in, configuration(_link(folder, EVIL, endpoint)))
         wait(lambda: any("ALERT" in why for why in pretender.failed), "somebody to mistrust it", come)
         assert "another authority certified it" in connection_refusal(credentials_of(folder, EVIL), endpoint)
+
     assert pretender.trusted == []
     with routed(other):
         for name, protocol in (("dashboard1", "quic"), (EVIL, "tls")):

@@ -147,6 +147,7 @@ async def test_writer_of_forbidden_keys_is_refused_and_named(either_site: Site, 
                 ear.hears(evil.mark())
                 ear.hears(viewer.mark())
             assert heard == []
+
             count = 2 * len(keys)
             await until(lambda: attacked.refused_since >= count, 10, f"all {count} to be refused")
             doctor = either_site.start("doctor", name="operator")
@@ -156,6 +157,7 @@ async def test_writer_of_forbidden_keys_is_refused_and_named(either_site: Site, 
         told = await doctor.end()
         assert told.code == 1
         assert f"router: plant/{EVIL} may not write" in " ".join(told.out.split())
+
         await attacked.unharmed()
         attacked.row(account, "every key written by who may not: another person, a dashboard", noticed_s, BY)
 
@@ -176,6 +178,7 @@ async def test_history_is_written_and_read_by_whom_it_belongs_to(either_site: Si
                     evil.settle(ally)
                     seen = ally.sees(f"{POSE.at(VICTIM)}/@adv/**")
                     ally.answered(f"{POSE.at(VICTIM)}/@adv/pub/1/2/_")
+
                 assert not any("/pub/1/2" in key for key in seen)
                 assert evil.answered(f"{IMU.at(VICTIM)}/@adv/**", f"{RAY.at(VICTIM)}/@adv/**") == set()
                 noticed_s = await attacked.is_told(f"plant/{EVIL} may not ", f"write {POSE.at(VICTIM)}")
@@ -241,6 +244,7 @@ async def test_the_admin_space_is_closed_and_who_tries_is_named(either_site: Sit
             attack(evil, ["@/*/router/config/access_control"])
             bare.put("@/*/router/config/access_control/enabled", b"false")
             assert evil.answered(*ADMIN) == set()
+
             for key in (*ADMIN, "**"):
                 replies = bare.get(key, timeout=3.0, allowed_destination=zenoh.Locality.REMOTE)
                 assert [reply for reply in replies if reply.ok is not None] == [], key

@@ -103,6 +103,7 @@ async def test_of_a_persons_machine(site: Site, account: Account, tmp_path: Path
             assert within(recovered_s, BACK_S)
             if ahead_s < 0:
                 await until(lambda: not names(seen, "watch"), BACK_S, "nothing to be found of the clock")
+
         seen.is_undisturbed(before)
         assert (await anna.stop(signal.SIGINT)).code == 0
         await until(lambda: "anna" not in seen.people, what="her to be gone")
@@ -135,6 +136,7 @@ async def test_of_the_conveyors_machine(site: Site, account: Account, tmp_path: 
         jump_ns = time.time_ns()
         jump_s = time.monotonic()
         selected = set(seen.selected)
+
         clock.set(ahead_s)
         await until(lambda: names(seen, machine), NOTICED_S, "doctor to name the machine")
         noticed_s = time.monotonic() - jump_s
@@ -145,12 +147,14 @@ async def test_of_the_conveyors_machine(site: Site, account: Account, tmp_path: 
         dispatched = len(seen.events)
         await seen.flows()
         flows_s = time.monotonic() - right_s
+
         await until(lambda: len(seen.told()) > told, 30.0, "selecting to go on")
         await until(lambda: len(seen.events) > dispatched, 30.0, "dispatching to go on")
         recovered_s = time.monotonic() - right_s
         await seen.keeps(selected)
         await seen.agrees(site)
         seen.is_undisturbed(before)
+
         account.add(
             f"clock of selector's and conveyor's machine {ahead_s:+.0f} s, and back",
             noticed_s,

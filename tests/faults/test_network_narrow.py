@@ -47,6 +47,7 @@ async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, w
         await until(lambda: bool(spectator.lines()), PATIENCE_S, "somebody who looks on at host C")
         wide = await _kbit(plant, c, WIDE_S)
         assert wide > KBIT, "it would not be sent more"
+
         memory = plant.memory_mb()
         began_s = time.monotonic()
         began_ns = time.time_ns()
@@ -57,6 +58,7 @@ async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, w
             wire.clear()
         ended_s = time.monotonic()
         late_s = spectator.ages_s(CURSOR.key, began_ns)
+
         await until(lambda: _newest_s(spectator) < FRESH_S, RECOVERED_S, "the newest at host C")
         recovered_s = time.monotonic() - ended_s
         assert narrow < 2 * KBIT, "the link was not narrow"
@@ -66,6 +68,7 @@ async def test_a_narrow_link_harms_nobody_else(plant: Plant, account: Account, w
         for user in (HERE, THERE):
             assert within(view.gap_s(user, began_s), GAP_S), f"{user} was disturbed"
             assert within(quantile_s(view.ages_s(user, began_s), 0.5), FRESH_S)
+
         grown = max(now_mb - memory[name] for name, now_mb in plant.memory_mb().items())
         assert grown < MEMORY_MB
         assert plant.ended() == []

@@ -43,6 +43,7 @@ async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Acc
         await site.run.says(f"{instance} was ended by SIGKILL")
         service, _, user = instance.partition(".")
         command = f"pointit service run {service}" + (f" --user {user}" if user else "")
+
         assert finding.remedy.startswith(f"start it again: `{command}` (the log of what started ")
         del seen.health[instance]
         began_s = time.monotonic()
@@ -50,6 +51,7 @@ async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Acc
         await seen.hears(instance)
         await seen.flows()
         recovered_s = time.monotonic() - began_s
+
         assert within(recovered_s, BACK_S)
         assert seen.health[instance].pid == again.process.pid
         seen.is_undisturbed(before, instance)
@@ -57,6 +59,7 @@ async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Acc
         await seen.agrees(site)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
+
         lost = seen.lost_in_words(killed_ns)
         by = "doctor: absent; the run's log"
         account.add(f"kill -9 {instance}", noticed_s, by, recovered_s, lost, memory_mb=growth_mb)
@@ -72,22 +75,27 @@ async def test_a_killed_router_is_noticed_and_comes_back(site: Site, account: Ac
         lost = site.says_lost()
         killed_ns = time.time_ns()
         killed_s = time.monotonic()
+
         site.router.process.kill()
         await until(lambda: site.says_lost() > lost, NOTICED_S, "the run to say so")
         noticed_s = time.monotonic() - killed_s
         report = await site.doctor()
         assert [item["code"] for item in report["findings"]] == ["unreachable"]
+
         began_s = time.monotonic()
         await site.route().says("router listens")
         await until(lambda: set(before) <= seen.present, BACK_S, "all to be present again")
+
         await seen.flows()
         recovered_s = time.monotonic() - began_s
         assert within(recovered_s, BACK_S)
+
         seen.is_undisturbed(before, "router")  # which reports its own health
         await seen.keeps(selected)
         await seen.agrees(site)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
+
         by = "log of each; doctor: unreachable"
         account.add(
             "kill -9 router", noticed_s, by, recovered_s, seen.lost_in_words(killed_ns), memory_mb=growth_mb
@@ -144,15 +152,18 @@ async def test_a_stopped_process_goes_on_with_the_new(site: Site, account: Accou
             os.kill(pids[instance], signal.SIGCONT)
         woken_ns = time.time_ns()
         woken_s = time.monotonic()
+
         await seen.flows()
         await until(lambda: set(INSTANCES) <= seen.present, WOKEN_S, "all to be present")
         recovered_s = time.monotonic() - woken_s
         assert within(recovered_s, WOKEN_S)
         await until(lambda: not seen.findings(instance), WOKEN_S, f"nothing to be found of {instance}")
+
         seen.is_undisturbed(before)
         await seen.keeps(selected)
         await seen.agrees(site)
         stale = seen.stale(woken_ns)
+
         growth_mb = max(growth_mb, Memory.now(pids.values()).growth_mb(memory))
         account.add(
             f"SIGSTOP {instance}",
@@ -224,6 +235,7 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
         finally:
             filler.unlink()
         room_s = time.monotonic()
+
         await until(lambda: not complains(seen, "selector"), JOURNAL_BACK_S, "the selector to be content")
         recovered_s = time.monotonic() - room_s
         await seen.agrees(small)
@@ -231,6 +243,7 @@ async def test_selecting_goes_on_and_nothing_is_lost(small: Site, account: Accou
         await seen.keeps(selected)
         growth_mb = Memory.now(memory.of).growth_mb(memory)
         assert growth_mb < GROWTH_MB
+
         account.add(
             "disk full",
             noticed_s,

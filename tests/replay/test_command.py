@@ -248,6 +248,7 @@ def test_recorded_leds_are_listed_and_driven_on_request(
     ]
     file = write(tmp_path / "lit.mcap", entries)
     result = invoke(file, "--live")
+
     assert "/dev/ttyS7" in result.stderr
     assert "is left out" in result.stderr
     assert "is driven" in invoke(file, "--live", "--output", "recorded").stderr

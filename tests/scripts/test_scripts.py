@@ -52,6 +52,7 @@ def test_the_demo_installs_once_and_runs_scenario_4(machine: Machine) -> None:
     ]
     assert machine.run("demo", "--duration", "20").returncode == 0
     assert machine.calls == ["pointit run scenario_4 --duration 20"]
+
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
     assert (machine.run("demo").returncode, machine.calls) == (0, [install, "pointit run scenario_4"])
@@ -70,6 +71,7 @@ def test_scripts_test_installs_its_extra_or_dev_for_named_tests(machine: Machine
     install = f"fetched uv pip install --quiet --python {machine.root}/.venv/bin/python -e {machine.root}"
     machine.run("test")
     assert machine.calls[0] == f"{install}[test] -e {machine.root}/lab"
+
     workers = int(machine.calls[-1].split()[5])
     assert workers > 1
     options = f"-n {workers} --dist loadfile --no-loadscope-reorder"
@@ -77,13 +79,16 @@ def test_scripts_test_installs_its_extra_or_dev_for_named_tests(machine: Machine
     assert machine.calls[-1] == f"python -m pytest -q {options} {chosen}"
     assert machine.run("test", "-q", "tests/unit").returncode == 0
     assert machine.calls == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
+
     machine.run("test")
     compiled = [each for each in machine.calls if "--collect-only" in each]
     assert len(machine.calls) == len(compiled) + 1 == 4, "nothing is installed again"
+
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
     assert machine.run("test", "-q").returncode == 0
     assert machine.calls[0] == f"{install}[dev] -e {machine.root}/lab"
+
     machine.run("demo")
     assert machine.calls == ["pointit run scenario_4"]
 
@@ -146,6 +151,7 @@ def test_an_extra_goes_into_the_venv_with_uv_and_without(machine: Machine, *, uv
     done = machine.run("setup", "ros2", "plot")
     assert (done.returncode, done.stdout) == (0, "")
     assert done.stderr == "PointIt with ros2 plot is in .venv: source .venv/bin/activate\n"
+
     pip = f"{'' if uv else 'fetched '}uv pip install --quiet --python {machine.root}/.venv/bin/python"
     assert machine.calls[-1] == f"{pip} -e {machine.root}[ros2,plot]"
     machine.run("setup", "ros2", "plot")
@@ -231,6 +237,7 @@ def test_check_goes_on_after_a_failure_and_names_what_failed(machine: Machine) -
         tool.chmod(0o755)
     # the page has tests of its own
     (machine.root / "scripts" / "page").write_text("#!/bin/sh\nexit 3\n", encoding="utf-8")
+
     done = machine.run("check")
     assert (done.returncode, done.stderr) == (1, "failed: page,pyrefly\n")
     ends = Counter(line.split()[0] for line in done.stdout.splitlines() if line.startswith(("ok", "FAILED")))
@@ -267,12 +274,15 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     ]
     for tool in (*needed, "google-chrome") if there else ():
         machine.add(tool, "#!/bin/sh\n")
+
     done = machine.run("../.ci/run")
     assert done.returncode == 0  # without it tests are skipped, for reasons that are not listed
     assert ("apt-get update" in machine.calls) == (not there)
+
     told = f"*** missing on this machine: chromium {' '.join(needed)} ***"
     assert (told in done.stderr) == (not there)
     assert ("E: no net" in done.stderr) == (not there)
+
     ran = [call for call in machine.calls if not call.startswith("apt-get")]
     assert ran == ["setup 1 dev", "check 1 ", "test 1 --all"]
 

@@ -135,6 +135,7 @@ async def test_http_server_accepts_page_tokens_and_ends_with_ctrl_c(commands: Co
             (await http.post(address, headers={"Authorization": f"Bearer {token}"})).status_code
             for token in (tokens.viewer, new.viewer)
         ]
+
     assert statuses[0] == 401
     assert statuses[1] != 401
     ended = await server.stop(code=0)

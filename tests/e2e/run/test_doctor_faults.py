@@ -120,6 +120,7 @@ async def test_doctor_names_stopped_and_killed_processes_but_not_starting_ones(
     await plant.run.says("of site")
     # on a busy machine services that start may warn of messages that come late
     assert [each for each in await plant.findings() if each["code"] != "warning"] == [], "while it starts"
+
     await plant.is_well()
     await finds_it_stopped(plant)
     pui = next(
@@ -131,6 +132,7 @@ async def test_doctor_names_stopped_and_killed_processes_but_not_starting_ones(
         assert finding["service"] == "pui"
     await plant.is_well()
     pui.kill()
+
     finding = await plant.finds("absent")
     assert finding["service"] == "pui"
     assert "pointit service run pui" in finding["remedy"]
@@ -188,10 +190,12 @@ async def test_a_router_with_three_people(commands: Commands, tmp_path: Path) ->
             assert (finding["service"], str(anna.process.pid) in finding["remedy"]) == ("anna", True)
         await plant.is_well()
         anna.kill()
+
         finding = await plant.finds("absent")
         assert finding["service"] == "anna"
         assert re.search(r"`pointit person add anna --credentials \S+/anna`", finding["remedy"])
         assert plant.router is not None
+
         async with stopped(plant.router.process.pid):
             finding = await plant.finds("stopped")
             assert f"process {plant.router.process.pid} is stopped" in finding["sentence"]

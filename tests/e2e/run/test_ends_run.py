@@ -45,11 +45,13 @@ async def test_a_run_ends_with_its_summary(
         await seen.sees_cursors("user1")
     family = run.family()
     assert len(family) == (10 if processes else 1)
+
     ended = await run.stop(number)
     print(f"run {processes} ended after {ended.took_s:.2f} s")  # noqa: T201 - shown with -s
     well(ended)
     nothing_is_left(family)
     assert "scenario_3 ran" in ended.out
+
     summary = json.loads(path.read_text())
     assert summary["cursors"] > 0
     assert summary["duration_s"] < 600

@@ -47,10 +47,12 @@ async def test_the_address_opens_with_its_token_and_not_without(commands: Comman
         _, page = await entered(url)
         assert page.status_code == 200
         assert "text/html" in page.headers["content-type"]
+
         for wrong in (url.partition("?")[0], url[:-1] + "~"):
             _, refused = await entered(wrong)
             assert refused.status_code == 403
         await seen.sees_more(seen.cursors["user1"], "cursors on the belts")
+
     ended = await command.stop(code=0)
     assert "scenario_4 ran" in ended.out  # the default scenario
     (token,) = parse_qs(urlsplit(url).query)["token"]
@@ -156,6 +158,7 @@ async def test_second_dashboard_and_a_view_only_one_join_a_run(commands: Command
         assert printed.startswith(f"page: {url.partition('?')[0]} (its link is in ")
         assert printed.count("\n") == 1
         await until(lambda: instance not in seen.present, CHANGE_S, "it to be gone")
+
         await seen.sees_cursors("user1")  # the run goes on
         doctor = await commands.pointit("doctor", "--connect", endpoint)
         assert "twice" not in doctor.out
@@ -244,6 +247,7 @@ async def test_prometheus_reads_figures_of_a_run(commands: Commands, endpoint: s
         await server.says('up{job="pointit"}', lambda up: up == 1)
         await server.says("sum(1 - pointit_service_present)", lambda missing: missing == 0)
         await server.says("pointit_people", lambda people: people == 1)
+
         late = 'histogram_quantile(0.99, pointit_latency_seconds_bucket{service="led-driver"})'
         await server.says(late, lambda wrist_to_light_s: 0.0 < wrist_to_light_s < 5.0)
         assert server.faults() == []

@@ -73,6 +73,7 @@ async def test_outcomes_of_programs_and_webhooks_are_published_and_summarized(
                 SELECTION,
                 lambda now, _name: selected.__setitem__(slice(None), [one.id for one in now.objects]),
             )
+
             outcomes: list[tuple[str, str, str]] = []
             seen.bus.subscribe(
                 OUTCOMES, lambda told, _name: outcomes.append((told.object_id, told.result, told.text))
@@ -92,20 +93,24 @@ async def test_outcomes_of_programs_and_webhooks_are_published_and_summarized(
             shown = url.replace("secret", "...")
             assert await try_thing("radio") == ("radio", "failed", f"{shown} answered 403 No")
             await until(lambda: "radio" not in selected, what="the switch to go back")
+
             door.status = b"204 Yes"
             assert await try_thing("radio") == ("radio", "done", "")
             await until(lambda: "radio" in selected, what="the switch")
             assert await try_thing("screws") == ("screws", "started", "")
             await until(told.exists, what="the program")
+
             user, *family = told.read_text().split()
             assert user == "anna"
             assert all(is_running(int(pid)) for pid in family)
+
             await run.says("screws selected by anna")
             await run.stop()
             await until(
                 lambda: not any(is_running(int(pid)) for pid in family), what="the end of the program"
             )
     acts = json.loads(summary.read_text())["acts"]
+
     assert acts["done"] == 1
     assert acts["failures"][:2] == [
         "nuts: sh -c 'exit 3' ended with exit code 3",

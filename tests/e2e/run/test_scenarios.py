@@ -50,6 +50,7 @@ async def test_the_simulated_person_selects_all_that_is_red_only(commands: Comma
         *listen(),
     )
     ended = await run.end(120, code=0)
+
     assert "Traceback" not in ended.err
     summary = json.loads(path.read_text())
     assert_flawless(summary)
@@ -81,11 +82,13 @@ async def test_a_short_run_ends_by_itself_and_is_recorded_whole(commands: Comman
     assert within(ended.took_s, 16.0)
     assert summary["latency_ms"]["p50"] is not None
     assert f"recorded in {path}" in ended.err
+
     with Recording.open(path) as recording:
         assert (recording.problem, recording.head.seed) == ("", 0)
         entries = list(recording.entries())
     samples = [each.body.seq for each in entries if isinstance(each.body, ImuSample)]
     assert samples == list(range(1, len(samples) + 1))
+
     alive = {each.name: each.body for each in entries if each.row is SERVICE_ALIVE}
     assert {name for name, present in alive.items() if not present} >= person("user1") | {"pui"}
 
@@ -105,10 +108,12 @@ async def test_processes_select_as_well_and_follow_the_simulated_clock(commands:
         first_ns = seen.objects[-1].stamp_ns
         began_s = time.monotonic()
         await until(lambda: seen.objects[-1].stamp_ns - first_ns > 12e9, 40, "12 s of the site's time")
+
         passed_s = time.monotonic() - began_s
         assert 1.4 < (seen.objects[-1].stamp_ns - first_ns) / 1e9 / passed_s < 3.0
         # The run may not know of the last selection yet, and a wrong one may not be corrected yet.
         await until(lambda: len(red_ids(events)) > 1, 90, "two red objects are selected")
+
     ended = await run.stop(code=0)
     assert "Traceback" not in ended.err
     summary = summary_of(ended)
@@ -144,11 +149,13 @@ async def test_a_person_of_unknown_place_is_found_by_three_lamps(commands: Comma
         await until(lambda: "static_targets" in {pose.method for pose in poses}, 40, "a pose")
         await seen.sees_cursors("user1")
     ended = await run.stop(code=0)
+
     assert {news.target_index for news in progress if news.phase == "sampling"} >= {2}
     assert max(news.target_count for news in progress) == 3
     found = next(pose for pose in poses if pose.method == "static_targets")
     assert found.elevation_bias_rad > 0.05
     assert 0.0 < found.covariance[0] < 0.5**2
+
     told = summary_of(ended)["people"]["user1"]
     assert told["method"] == "static_targets"
     assert told["position_error_m"] < 1.0
@@ -205,9 +212,11 @@ async def test_late_observer_misses_a_killed_person_until_she_returns(
         await seen.sees_cursors("anna")
         anna.kill()
         await until(lambda: "anna" not in seen.people, what="her to be gone")
+
         absent = await missed(commands, endpoint)
         assert absent.keys() == {"anna"}
         assert "pointit person add anna" in absent["anna"]  # built here, not as her deployment has it
+
         again = commands.start(*join)
         await seen.sees_cursors("anna")
         assert await missed(commands, endpoint) == {}
@@ -230,10 +239,12 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
             "the site",
         )
         assert not seen.people
+
         anna = commands.start("person", "add", "anna", *join)
         ben = commands.start("person", "add", "ben", "--place", "2", "--seed", "5", *join)
         await seen.sees_cursors("anna", "ben")
         await until(lambda: services_of("anna") | services_of("ben") <= seen.present, what="all of both")
+
         for user, person in (("anna", anna), ("ben", ben)):
             await seen.hears(f"pointing.{user}")
             assert seen.health[f"pointing.{user}"].pid == person.process.pid
@@ -242,6 +253,7 @@ async def test_a_site_and_people_who_come_and_go(commands: Commands, endpoint: s
             "users/anna/imu",
             "users/ben/imu",
         }
+
         states = len(seen.interactions["anna"])
         uptime_s = seen.health["pointing.anna"].uptime_s
 

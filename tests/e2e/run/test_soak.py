@@ -53,10 +53,12 @@ async def test_run_does_not_grow_in_memory_files_threads_or_tasks(
         for user in ("user1", "user2", "user3"):
             await seen.sees_more(seen.cursors[user], f"cursors of {user}")
     samples = [each for each in samples_of(command) if each["soak_s"] > WARM_UP_S]
+
     assert recording.stat().st_size > 0
     await command.stop(code=0)
     quarter = len(samples) // 4
     assert quarter > 0, "there are samples"
+
     growth: dict[str, float] = {}
     for name, limit in LIMITS.items():
         first, last = (

@@ -51,11 +51,13 @@ async def test_a_package_adds_any_kind(commands: Commands, installed: dict[str, 
         environment=installed | {"POINTIT_STATE": str(state)},
     )
     await run.end(code=0)
+
     strips, *frames = shown.read_text().splitlines()
     assert strips == "2 strips"
     assert frames.count("dark") == 1  # a frame may still be shown while the service ends
     assert any(frame.startswith("255 ") for frame in frames), frames  # the cursor is white
     assert seen.read_text().startswith("user1 ")
+
     stored = state / "users/user1/plugins/selection_methods/eager/state.json"
     assert json.loads(stored.read_text()) == {"dwell_s": 0.2}
 

@@ -67,10 +67,12 @@ async def test_a_stopped_process_loses_its_name_and_ends_awake(commands: Command
         new = commands.start(*join)
         await is_run_by(seen, new)
         freeze(old, signal.SIGCONT)
+
         ended = await old.end(code=0)
         assert "has taken over the name, having begun later" in ended.err
         assert f"process {new.process.pid}" in ended.err
         assert new.is_running
+
         await is_run_by(seen, new)
         refused = await commands.pointit(*join, code=2)
         assert f"process {new.process.pid} on " in refused.sentence

@@ -118,12 +118,15 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str) -> None
         await shown.shows("PointIt scenario_3", "pointing", "▌", "▲", "wrist to light p50", "selected 1")
         assert HIDE in shown.read()
         await until(lambda: len(frames(shown.text)) > 5, PATIENCE_S, "more than five frames")
+
         drawn = frames(shown.text)
         for frame in drawn:
             assert {len(line) for line in frame} == {40}, frame
+
         last = [line[2:] for line in drawn[-1]]
         for strip in ("0 ", "1 "):
             assert any(line.startswith(strip) and "▌" in line for line in last)
+
         shown.press_ctrl_c()
         pressed_s = time.monotonic()
         assert await shown.end() == 0
@@ -191,10 +194,12 @@ async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: p
             await shown.shows("pointing")
             os.kill(seen.health["selector"].pid, signal.SIGKILL)
         await shown.shows("selector was ended by SIGKILL", "start it again with:")
+
         count = len(frames(shown.text))
         await until(lambda: len(frames(shown.text)) > count + 3, PATIENCE_S, "the view to go on")
         for frame in frames(shown.text):
             assert {len(line) for line in frame} == {120}, frame
+
         await shown.shows("look at: selector")
         shown.press_ctrl_c()
         assert await shown.end() == 0

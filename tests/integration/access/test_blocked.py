@@ -115,11 +115,13 @@ def test_blocked_identity_is_held_at_each_reconnection_and_named_once(
                 write()
                 time.sleep(0.01)
             most = LEASES + 2
+
             assert all(insider.ends - ends <= most for insider, ends in zip(flooding, before, strict=True))
         with services.listening(PERSON) as ear:
             assert [heard_late(folder, ear) for _ in range(COMEBACKS)] == [0] * COMEBACKS
         with services.listening(BUTTON.at("ben")) as ear:
             ear.hears(BUTTON.at("ben"), lambda: ben.session.put(BUTTON.at("ben"), b"x"))
+
         assert ben.ends == 0
         assert router.said.count(BLOCKED) == 1
         ben.close()

@@ -149,6 +149,7 @@ def test_two_sites_on_one_router_are_apart(tmp_path: Path) -> None:
         ear.hears("map")
         assert mine.answered(dim, "**", "*") == set()
         assert mine.sees(USER_ALIVE.at(ANY), "**") == {SERVICE_ALIVE.at("router")}
+
         elsewhere.hears(mark := other.mark())
         strange = [key for key in elsewhere.keys if key not in ("map", HEALTH.at("router"))]
         assert (strange, asked) == ([mark], [])
@@ -184,11 +185,13 @@ def test_a_chain_of_routers_passes_what_it_should(tmp_path: Path) -> None:
         seen.hears("map", lambda: inside.put("map"))  # from the hall to the building
         outer.hears(mine, lambda: anna.put(bens, mine))
         assert bens not in outer.keys
+
         anna.settle(inside)  # nothing of hers is on its way any more
         inner.keys.clear()
         inner.hears(bens, lambda: ben.put(mine, bens))
         assert mine not in inner.keys
         assert not any("imu" in key for key in seen.keys)
+
         wait(lambda: outside.answered(dim) != set(), "an answer across both")
         wait(lambda: dashboard.sees(USER_ALIVE.at(ANY)) != set(), "presence across both")
 

@@ -139,6 +139,7 @@ async def test_doctor_names_the_revocation_of_an_identity_that_goes_on(
         ended = await commands.pointit("doctor", "--json", "--credentials", operator)
         findings = json.loads(ended.out)["findings"]
     (denied,) = (each for each in findings if each["code"] == "denied")
+
     assert denied["sentence"].startswith("lab/anna may not ")
     assert "it was revoked or its certificate replaced" in denied["sentence"]
     assert "`pointit site renew anna`" in denied["sentence"]
@@ -200,10 +201,12 @@ async def test_identity_records_readable_topics_and_reports_the_others(
     finally:
         feeding.cancel()
         await bus.close()
+
     assert ended.code == 0
     assert ("recorder", True) in seen
     assert ("not everything is recorded" in ended.err) is bool(denied)
     assert denied in ended.err
+
     with Recording.open(path) as recording:
         recorded = set(recording.counts)
     assert {key for key in recorded if key.endswith("/imu")} == movements

@@ -282,6 +282,7 @@ def test_dashboards_come_by_quic_and_are_thinned(tmp_path: Path) -> None:
         writer.put(room)  # a state is never thinned, and comes last
         for ear in (thin, full):
             ear.hears(room)
+
         assert full.keys.count(frame) == 300
         most = 10.0 * (time.monotonic() - began_s) + 2
         assert all(thin.keys.count(key) <= min(most, full.keys.count(key)) for key in keys)

@@ -144,6 +144,7 @@ def test_writes_above_the_rate_of_a_key_reach_nobody(folder: SiteFolder) -> None
             anna.put(button, cursor)
         ear.hears(pose, functools.partial(anna.put, pose))
         took_s = time.monotonic() - began_s
+
         assert ear.keys.count(button) <= MAX_RATE_HZ * took_s + 2
         assert ear.keys.count(cursor) <= LATEST_HZ * took_s + 2
 
@@ -298,6 +299,7 @@ def test_endless_declarations_and_queries_are_named_and_cut_off(folder: SiteFold
         seen = Observation(
             began_s=now_s - 5.0, now_s=now_s, present=frozenset({"router"}), reports={"router": [report]}
         )
+
         assert any("lab/anna has written or asked " in each.sentence for each in diagnose(seen))
         tokens.undeclare()
         health.undeclare()
@@ -321,9 +323,11 @@ async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFo
                 viewer.watch(presence, lambda _name, **_: None)
         viewers[0].subscribe(HEALTH, lambda health, _name: reports.append(health), "router")
         await is_checked()
+
         folder.add({"carla": "user"}, now())  # the router opens again, and all connections with it
         await until(lambda: "that there are now" in router.said, what="the new rules")
         await until(lambda: all(viewer.connected for viewer in viewers), what="all to be back")
+
         await is_checked()
         for viewer in viewers:
             await viewer.close()

@@ -149,6 +149,7 @@ async def test_denied_call_raises_access_denied(
         with pytest.raises(ConfigError, match=r"^tcp/host:1: credentials are for encrypted addresses only"):
             await asyncio.to_thread(pointit.open, "tcp/host:1")
         assert "the credentials of dashboard1 end on" in caplog.text
+
         async with pointit.connect(timeout_s=PATIENCE_S) as site:
             assert site.name == "lab"
             with pytest.raises(AccessDeniedError, match=r"dashboard1.* may not read users/anna/ray"):
@@ -157,6 +158,7 @@ async def test_denied_call_raises_access_denied(
                 await site.lamp("door").set("#ff8800")
             with pytest.raises(AccessDeniedError, match="may not write users/anna/button"):
                 await site.press("anna")
+
             tracker = site.tracker("camera")
             with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
                 await until_denied(tracker)

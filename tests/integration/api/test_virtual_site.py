@@ -67,14 +67,17 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         assert set(dir(site)) > names - {"fail", "on"}  # the same names as in `Site`
         assert next(site.people()) == {"user1", "user2"}
         assert {"pui", "selector", "pointing.user1"} <= next(site.services())
+
         began_ns = site.now_ns()
         assert site.now_ns() == began_ns  # no time passes between calls
         events = site.selections()
         site.sleep(10)
         assert site.now_ns() - began_ns == 10_000_000_000
+
         found = [event for event in events.during(0) if event.event == "selected"]
         assert found
         assert {user for user, _ in site.cursors().items().during(0.1)} == {"user1", "user2"}
+
         selected = {each.id for each in site.latest.selection.value.objects}
         assert set() < selected <= {event.object_id for event in found}
         assert "deselected" in site.select.undo(found[-1].user).message
@@ -83,6 +86,7 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         assert site.latest.cursor["user1"].stamp_ns > began_ns
         with pytest.raises(NoMessageError, match="nothing came on users/nobody/cursor within 2 s"):
             _ = site.latest.cursor["nobody"]
+
         waited_ns = site.now_ns()
         assert site.latest.cursor.get("nobody") is None
         assert "nobody" not in site.latest.cursor
@@ -105,15 +109,18 @@ def test_objects_and_lamps_of_a_script() -> None:
         tracker = site.tracker("camera")
         tracker.update([TrackedObject(id="cup", kind="red", position_m=(1.0, 2.0, 0.8))])
         assert [thing.id for thing in next(things).objects] == ["cup"]
+
         tracker.close()
         assert next(things).objects == ()
         with pytest.raises(BusClosedError):
             tracker.update([])
+
         lamp = site.lamp(site.latest.map.value.lamps[0].id)
         colors = lamp.colors()
         assert next(colors).color == (0, 0, 0)
         assert lamp.set("#ff8800").message == f"lamp {lamp.name} shows #ff8800"
         assert next(colors).color == (255, 136, 0)
+
         lamp.set(None)
         assert next(colors).color == (0, 0, 0)
         with pytest.raises(RefusedError, match="there is no lamp 'door'; there are"):

@@ -182,10 +182,12 @@ async def test_calls_beyond_the_limit_are_refused_and_others_go_on() -> None:
         wait = {"user": "anna", "timeout": 100}
         calls = [asyncio.create_task(client.call_tool("wait_for_pointing", wait)) for _ in range(FLOOD)]
         await until(lambda: sum(each.done() for each in calls) == FLOOD - MAX_CALLS)
+
         refused = [each.result() for each in calls if each.done()]
         assert all(f"{MAX_CALLS} calls of wait_for_pointing run, the limit" in str(each) for each in refused)
         assert not (await client.call_tool("stop_robot", {"robot": "rover"})).is_error
         assert 0 < pointing.max_running <= MAX_CALLS
+
         for call in calls:
             call.cancel()
         await asyncio.wait(calls)

@@ -119,6 +119,7 @@ async def test_offset_is_kept_and_forgotten(site: Site, localizer: ErringLocaliz
     site.bus.subscribe(PROFILE, lambda profile, _user: profiles.append(profile), ANNA)
     ended = await site.pointit("person", "calibrate", "user", ANNA, "--json", code=0)
     assert localizer.asked == [f"anchor {lamp}" for lamp in LAMPS]
+
     told = json.loads(ended.out)
     assert told["offset"]["rung"] == "pitch"
     assert abs(math.degrees(told["offset"]["elevation"][0]) - 4.0) < 0.3  # drawn a little to nothing
@@ -131,11 +132,13 @@ async def test_offset_is_kept_and_forgotten(site: Site, localizer: ErringLocaliz
     await until(lambda: profiles[-1].offset is not None)
     assert profiles[-1].offset is not None
     assert profiles[-1].offset.anchors == 4
+
     path = own_state / "users" / ANNA / "offset.json"
     assert path.is_file()
     shown = await site.pointit("person", "calibrate", "user", ANNA, "--show")
     assert shown.out.startswith("anna: the rays are turned up by 4.0°")
     assert "fitted from 4 pointings" in shown.out
+
     erased = await site.pointit("person", "calibrate", "user", ANNA, "--erase")
     assert erased.out == "anna: the offset is forgotten\n"
     assert not path.exists()
@@ -207,6 +210,7 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     assert (
         "anna is not on this site, there are no people; add them with `pointit person add anna`" in ended.err
     )
+
     ended = await site.pointit("person", "pose", ANNA, code=1)
     assert "where anna stands is not known: anna is not on this site" in ended.err
     site.start(Supervisor, ANNA)
@@ -214,10 +218,12 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     ended = await site.pointit("person", "pose", ANNA)
     assert "pointit service run localizer --user anna" in ended.err
     assert "or set it: pointit person pose anna X Y" in ended.err
+
     ended = await site.pointit("person", "pose", "ben")
     assert "ben is not on this site, there is anna; add them with `pointit person add ben`" in ended.err
     ended = await site.pointit("person", "pose", "ann", "1", "1", code=1)
     assert "ann is not on this site, there is anna; did you mean anna" in ended.sentence
+
     ended = await site.pointit("person", "calibrate", "user", "ben", "--show")
     assert ended.err == "waiting for the profile of ben …\n"  # a second later than it was asked
 
@@ -226,16 +232,20 @@ async def test_the_pose_is_shown_and_said(site: Site, localizer: ErringLocalizer
     shown = await site.pointit("person", "pose", ANNA, code=0)
     assert "position      x 2.00 m, y 0.50 m, z 0.00 m" in shown.out
     assert "given, counts as exact" in shown.out
+
     said = await site.pointit("person", "pose", ANNA, "-1.5", "2")
     assert (said.code, said.out) == (0, "anna: the pose is set\n"), said.err
     assert localizer.asked[-1] == "pose (-1.5, 2.0, 0.0) 17.2"  # the yaw is as it was
+
     said = await site.pointit("person", "pose", ANNA, "1", "2", "0.5", "--yaw", "-20", "--json")
     assert localizer.asked[-1] == "pose (1.0, 2.0, 0.5) -20.0"
     fields = json.loads(said.out)
     assert (fields["position_m"], round(fields["yaw_deg"], 6)) == ([1.0, 2.0, 0.5], -20.0)
+
     said = await site.pointit("person", "pose", ANNA, "--facing", "90", "--now")
     assert said.out == "anna: the yaw is set by where you point\n"
     assert localizer.asked[-1] == "heading 90.0"
+
     await site.pointit("person", "anchor", ANNA, "led_1")
     shown = await site.pointit("person", "pose", ANNA)
     assert "1 sigma 0.10 m" in shown.out
@@ -275,13 +285,16 @@ async def test_a_remembered_bias_is_shown_and_forgotten(site: Site, localizer: E
     localizer.find(yaw_sigma_rad=math.radians(4.0))
     shown = await site.pointit("person", "pose", ANNA, code=0)
     assert "remembered    elevation bias of 3 localizations\n" in shown.out
+
     localizer.refuses = "the state file cannot be deleted"
     ended = await site.pointit("person", "pose", ANNA, "--forget-bias", code=1)
     assert (ended.out, ended.sentence) == ("", "the state file cannot be deleted")
+
     localizer.refuses = ""
     told = await site.pointit("person", "pose", ANNA, "--forget-bias", code=0)
     assert told.out == "anna: forgotten: the next localization expects no elevation bias\n"
     assert localizer.asked == ["forget"]
+
     shown = await site.pointit("person", "pose", ANNA, code=0)
     assert "remembered" not in shown.out
     localizer.remembered_bias = remembered_bias(localizations=1)
@@ -324,12 +337,14 @@ async def test_lamps_that_somebody_has_are_waited_for_once(site: Site, localizer
     assert (ended.code, ended.err.count("; waiting for up to 1 s")) == (1, 1)
     assert "nothing was changed: ben is being localized with these lamps" in ended.err
     assert len(localizer.asked) == 2
+
     others.put(Localization(stamp_ns=2, phase="solved", since_ns=1))
     localizer.refuses = "the lamps are broken"
     ended = await site.pointit("person", "calibrate", "user", ANNA)
     assert "waiting" not in ended.err
     assert "nothing was changed: the lamps are broken" in ended.err
     assert len(localizer.asked) == 3
+
     others.put(Localization(stamp_ns=3, phase="sampling", target_id="led_0", target_count=2, since_ns=3))
     async with site.command("person", "calibrate", "user", ANNA, "--lamps", "led_0") as process:
         await until(lambda: len(localizer.asked) == 4, 20)
@@ -471,9 +486,11 @@ async def test_with_nobody_there_the_file_here_is_shown_and_erased(site: Site, o
     (task,) = site._tasks
     task.cancel()
     await asyncio.wait({task})
+
     shown = await site.pointit(*MOUNTING, "--show")
     assert "source simulated, measured with mounting=plus_x" in shown.out
     assert "z 1.000" in shown.out
+
     erased = await site.pointit(*MOUNTING, "--erase", "--json")
     assert json.loads(erased.out)["erased"] is True
     assert not list((own_state / "users").rglob("*.json"))

@@ -36,13 +36,16 @@ async def test_it_asks_and_prints_the_answer(site: Site) -> None:
     site.bus.serve(ADD_PACKAGE, add)
     ended = await site.pointit("service", "call", "conveyor/set_speed", "speed_mps=-0.5")
     assert (ended.code, ended.out, ended.err) == (0, "the speed is -0.5 m/s\n", "")
+
     ended = await site.pointit(
         "service", "call", "localizer/anna/set_pose", "position_m=[1, 2, 0]", "yaw_rad=1"
     )
     assert (ended.code, ended.out) == (0, "done\n")
+
     ended = await site.pointit("service", "call", "conveyor/add_package", "kind=7")
     assert (ended.code, ended.out.splitlines()[0]) == (0, "done")
     assert yaml.safe_load(ended.out.splitlines()[1]) == {"object_id": "p7"}
+
     ended = await site.pointit("service", "call", "conveyor/add_package", "kind=no", "lane=left", "--json")
     assert json.loads(ended.out) == {"key": "conveyor/add_package", "message": "", "object_id": "p7"}
     assert asked == [

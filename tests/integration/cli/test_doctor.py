@@ -76,18 +76,22 @@ async def test_all_is_well(site: Site) -> None:
         delay_s = await start_delay_s(site.pointit)
         ended = await content(site)
         assert within(ended.took_s, NOTICED_S + delay_s)
+
         report: dict[str, Any] = json.loads(ended.out)
         assert report["healthy"] is True
         assert report["findings"] == []
+
         (service,) = (each for each in report["services"] if each["user"])
         assert service["instance"] == "pointing.anna"
         assert service["present"]
         assert service["expected"]
         assert service["health"]["pid"] == process.pid
+
         (expected,) = report["deployments"]["run.test"]["services"]
         assert expected == {"service": "pointing", "user": "anna", "name": ""}
         text = await content(site, is_json=False)
         assert text.out.rstrip().endswith("all is well: 3 services run")
+
         (row,) = (line for line in text.out.splitlines() if line.split()[:1] == ["pointing"])
         assert (row.split()[1:3], row.split()[-1]) == (["anna", str(process.pid)], "ok")
 

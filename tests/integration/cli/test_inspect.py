@@ -193,20 +193,24 @@ async def test_the_way_of_a_sample_over_two_machines(site: Site, elsewhere: Zeno
     await pointing(site)
     ended = await site.pointit("trace", "anna", "--count", "60", "--json")
     assert (ended.code, ended.err) == (0, "")
+
     trace = json.loads(ended.out)
     assert (trace["user"], trace["samples"]) == ("anna", 60)
     way = {hop["hop"]: hop for hop in trace["path"]}
     assert (list(way), way["ray"]["service"]) == (["imu", "ray", "cursor", "frame", "light"], "pointing.anna")
     assert (way["cursor"]["service"], way["cursor"]["host"]) == ("pui.hall", "elsewhere")
     assert (way["frame"]["service"], way["frame"]["host"]) == ("led-driver", "elsewhere")
+
     totals_s = [hop["total_s"] for hop in way.values()]
     assert totals_s == sorted(totals_s)
     assert totals_s[0] > 0
     assert abs(way["light"]["delta_s"] - LIGHT_S) < 1e-6
+
     reached = {hop["hop"]: hop["samples"] for hop in trace["hops"]}
     assert reached["imu"] == 60
     assert 0 < reached["frame"] < 60
     assert all(hop["delta_p50_s"] <= hop["delta_p99_s"] for hop in trace["hops"])
+
     (clock,) = trace["clocks"]
     assert clock.startswith("the clock of machine elsewhere is ")
     assert "ahead of" in clock

@@ -50,9 +50,11 @@ async def test_recording_that_is_killed_has_all_but_the_last_second(site: Site, 
         await site.bus.call(SET_METHOD, SET_METHOD.query(method="fraction"))
         began = {user: len(seen[user]) for user in PEOPLE}
         await until(lambda: all(len(seen[user]) > began[user] + 150 for user in PEOPLE), PATIENCE_S)
+
         os.kill(process.pid, signal.SIGKILL)
         last_ns = {user: seen[user][-1] for user in PEOPLE}
         await process.wait()
+
     found, problem = entries(path)
     assert "it ends in the middle" in problem
     for user in PEOPLE:

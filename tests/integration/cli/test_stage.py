@@ -155,11 +155,13 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
         await until(lambda: run.stage.monitor.first_cursor_unix_s is not None, PATIENCE_S, "a cursor")
         await until(lambda: onlooker.people == {"user1", "user2"}, PATIENCE_S, "two people")
         await until(lambda: onlooker.runs("scenario_4"), PATIENCE_S, "the deployment")
+
         first = run.stage.monitor
         await run.asks("scenario_2", users=1)
         assert run.stage.plan.name == "scenario_2"
         assert run.stage.monitor is not first
         assert run.stage.monitor.score.target_kinds == ()
+
         async with late_joiner(run.bus) as late:
             await until(lambda: bool(late.deployments and late.rooms), PATIENCE_S, "the other scenario")
             wanted = {"pui", "led-driver", "keeper", "web"}
@@ -171,6 +173,7 @@ async def test_nothing_of_the_scenario_before_is_left(caplog: pytest.LogCaptureF
             assert late.states[POSE.key] == late.states[PROFILE.key] == {"user1"}
             assert late.states[CONVEYOR_STATE.key] == late.states[SELECTION.key] == set()
             assert set(late.deployments) == {"run.scenario_2"}
+
             told = late.deployments["run.scenario_2"]
             assert (told.scenario, told.localizes) == ("scenario_2", False)
             assert set(told.scenarios) >= {"scenario_1", "scenario_4"}
@@ -217,12 +220,15 @@ async def test_a_wish_that_cannot_be_changes_nothing() -> None:
         beside.bus.announce(USER_ALIVE, "user2")  # somebody has joined under that name
         reporting = asyncio.create_task(_report(beside.bus, "user2"))
         await until(lambda: "user2" in there, what="user2")
+
         before = run.stage.monitor
         with pytest.raises(RefusedError, match="user2: already on site lab; choose another name"):
             await run.asks("scenario_1", users=2)
+
         reporting.cancel()
         await asyncio.wait({reporting})
         assert run.stage.monitor is before
+
         count = before.cursor_count
         await until(lambda: before.cursor_count > count, PATIENCE_S, "more cursors")
         assert beside.deployments["run.scenario_2"].services
@@ -257,6 +263,7 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
         run.bus.subscribe(HEALTH, lambda health, _name: reports.append(health), "web", retained=False)
         await until(lambda: run.task.done() or len(reports) > 2, PATIENCE_S, "reports")
         assert not run.task.done()
+
         monkeypatch.setattr("pointit.launch.run.run_site.VIEWER_SILENT_S", 0.0)
         run.run._viewers.until_s = 0.0  # the page is closed after its next report
         async with asyncio.timeout(60.0):

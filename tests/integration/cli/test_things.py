@@ -52,6 +52,7 @@ async def test_things_have_their_light_and_how_often_they_fired(site: Site) -> N
     ended = await site.pointit("things", "list", "--json")
     assert json.loads(ended.out)["things"][1]["fired"] is None
     assert "the counts of the things are unknown: selector does not answer" in ended.err
+
     site.bus.serve(READ_HISTORY, history)
     screws = ThingState(id="screws", state="unavailable", reason="no power")
     for name, state in (
@@ -60,6 +61,7 @@ async def test_things_have_their_light_and_how_often_they_fired(site: Site) -> N
         ("last", ThingState(id="screws")),
     ):
         site.bus.publisher(THING_STATES, name).put(ThingStates(stamp_ns=1, things=(state,)))
+
     ended = await site.pointit("things", "list", "--json")
     assert ended.code == 0
     screws_row, radio_row = json.loads(ended.out)["things"]
@@ -130,17 +132,20 @@ async def test_programs_react_beside_a_running_site_until_they_are_ended(site: S
         assert process.stdout is not None
         assert await process.stdout.readline() == b"reacting to things of map shop; Ctrl-C ends it\n"
         await until(lambda: bool(carriers), what="the carrier")
+
         for thing in ("screws", "radio"):
             events.put(happened(thing, "selected", *carriers))
         await until(told.is_file, 20)
         assert "radio: sh -c 'exit 3' ended with exit code 3" in await next_line(process.stderr)
         await until(lambda: bool(results), what="the result")
         assert (results[0].object_id, results[0].result) == ("radio", "failed")
+
         began_s = asyncio.get_running_loop().time()
         process.send_signal(signal.SIGINT)
         lines = (await process.stdout.read()).decode().splitlines()
         assert await process.wait() == 0
         assert asyncio.get_running_loop().time() - began_s < 10.0
+
     assert told.read_text() == "anna on\n"
     assert lines == ["Acts: 0 done, 2 failed."]
     assert carriers[-1] == "ended"

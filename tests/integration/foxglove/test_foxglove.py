@@ -81,6 +81,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
         )
         site.bench.put(topics.OBJECTS, models.TrackedObjects(stamp_ns=1, objects=(package,)), "plant")
         site.bench.put(topics.CURSOR, cursor(3), "anna")
+
         await until(lambda: "belt b" in one.entities("room"))
         await until(lambda: {"person anna", "ray anna", "cursor anna"} <= set(one.entities("people")))
         await until(lambda: "plant 7" in one.entities("objects"))
@@ -93,6 +94,7 @@ async def test_a_viewer_sees_the_scene_and_every_topic(site: Site) -> None:
         assert one.channels["/users/anna/cursor"]["schemaName"] == models.Cursor.schema_name()
         assert one.channels["/users/anna/cursor"]["schemaEncoding"] == "jsonschema"
         await until(lambda: bool(one.all("/health/foxglove")), what="its own health, for plots")
+
         log_ns, _ = one.frames["/users/anna/cursor"][0]
         assert abs(log_ns - time.time_ns()) < 60e9
 
@@ -124,6 +126,7 @@ async def test_all_events_arrive_and_the_log_begins_with_its_history(site: Site)
             )
         await until(lambda: len(one.all("/users/anna/feedback")) == 20)
         await until(lambda: sum("no " in line["message"] for line in one.all("/log")) == 20)
+
         lines_ns = [time_ns for time_ns, line in one.frames["/log"] if "no " in line["message"]]
         assert lines_ns == [time_ns for time_ns, _ in one.frames["/users/anna/feedback"]], (
             "one time a message"

@@ -145,13 +145,16 @@ async def test_late_reader_gets_states_of_killed_writers(site: Site, tmp_path: P
         await site.kill(instance)
         await site.found(ALL)
     await until(lambda: {topic.key for topic in ALL} <= on_disk(tmp_path), what="all to be on disk")
+
     await site.kill("keeper")
     assert await site.is_missing(ALL)
     await site.start_again("keeper")
     await until(lambda: bool(site.keepers), what="the keeper to answer")
+
     await site.found(ALL)
     await site.start_again("selector")  # which reads the map at its own start, and writes again itself
     await site.kill("pointing.anna")
     await until(lambda: not site.people, what="anna to be gone")
+
     await site.found((MAP, SELECTION))
     assert await site.is_missing((POSE,)), "hers, and she has left"

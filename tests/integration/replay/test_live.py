@@ -43,6 +43,7 @@ async def test_site_gets_messages_and_time_of_the_recording() -> None:
             ended_ns = recording.ended_ns
             await play_live(plan_replay(recording, "edge"), site.a, Ignored(), 5.0)
         await site.settle()
+
     assert [room.name for room in maps] == ["lab"]
     assert samples
     assert all(began_ns <= sample.stamp_ns <= ended_ns for sample in samples)

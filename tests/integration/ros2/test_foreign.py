@@ -53,6 +53,7 @@ async def test_too_long_messages_are_dropped_and_deletes_ignored(
     stranger.put(key, cdr_of(2, 2_000_000), attachment=attachment(2), congestion_control=whole)
     stranger.put(key, cdr_of(3), attachment=bytes(5000), congestion_control=whole)
     stranger.delete(key, congestion_control=whole)
+
     stranger.put(key, cdr_of(4, 996), attachment=attachment(3), congestion_control=whole)
     await until(lambda: seen == [4])
     assert a.shown.now == {"losses of /x": "dropped messages on /x: 3 were longer than 1000 bytes"}, (
@@ -113,14 +114,17 @@ async def test_any_request_gets_an_answer(at: Graphs, monkeypatch: pytest.Monkey
     assert "too long" in await ask(stranger, b"", bytes(5000))
     assert asked == []
     assert "dropped a request to /s" in a.shown.now["attachments of /s"]
+
     first = asyncio.create_task(ask(stranger, cdr_of(1), attachment(5)))
     await until(lambda: len(asked) == 1)
     assert await ask(stranger, cdr_of(1), attachment(5)) == "duplicate sequence number"
+
     gate.set()
     answer = bytes.fromhex(await first)
     sequence, stamp_ns, length, gid = struct.unpack("<qqB16s", answer)
     assert (sequence, length, gid) == (5, 16, GID)
     assert stamp_ns > 0
+
     async with asyncio.timeout(PATIENCE_S):  # the number is free again soon after the answer
         while (again := await ask(stranger, cdr_of(2), attachment(5))) == "duplicate sequence number":
             pass

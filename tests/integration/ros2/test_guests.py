@@ -229,6 +229,7 @@ async def test_ros_user_points_and_selects_without_pointit_services(site: Site, 
         await look.sees_more(look.frames, "strips")
         assert not shown(look)
         assert not has_color(look.frames[-1])
+
         hers.wants_cursor(wants=True)
         await state(look, "pointing")
         await until(
@@ -280,14 +281,17 @@ async def test_ros_user_leaves_and_returns_with_the_bridge(site: Site, look: Onl
         await until(lambda: ANNA in look.people, NOTICED_S, "her presence")
         hers.wants_cursor(wants=True)
         await until(lambda: shown(look), NOTICED_S, "her cursor")
+
         ended = await site.bridge.stop(number)
         assert "Traceback" not in ended.err
         await until(lambda: ANNA not in look.people, NOTICED_S, "her to have left")
         await until(lambda: not shown(look), NOTICED_S, "her cursor to end")
+
         if number == signal.SIGINT:
             await state(look, "idle")
         site.start_bridge()
         await until(lambda: ANNA in look.people, NOTICED_S, "her presence again")
+
         await state(look, "idle")
         assert not shown(look), "subscriptions are not latched: she asks again"
 

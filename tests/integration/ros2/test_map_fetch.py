@@ -47,6 +47,7 @@ async def test_a_map_in_many_parameters_becomes_a_file(commands: Commands, tmp_p
         assert done.err in ("", "asking /pui for its parameters …\n"), "where it takes long"
         assert len(server.asked) > 3, "page by page"
         assert not node.shown.ever
+
     assert load_map(f"{path}", 0) == load_map("conveyor", 0)
     checked = await commands.pointit("map", "check", f"{path}")
     assert (checked.code, checked.out) == (0, done.out)

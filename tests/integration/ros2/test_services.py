@@ -177,6 +177,7 @@ async def test_client_that_does_not_read_blocks_no_other(at: Graphs) -> None:
     a.backend.serve("/large", ADD, serve)
     a.backend.serve("/add_pack", ADD, add)
     assert number_of(await b.backend.call("/add_pack", ADD, cdr_of(1), timeout_s=60)) == 2
+
     key = f"7/large/{ADD.dds_name}/{ADD.hash}"
     stuck = start(STUCK, at.endpoint, key)
     try:
@@ -227,12 +228,14 @@ async def test_peer_waits_for_its_router_and_survives_restarts(at: Graphs) -> No
     began_s = time.monotonic()
     a, b = await asyncio.gather(at.node("/a"), at.node("/b"))
     assert time.monotonic() - began_s < 5 * slowness(), "0.5 s where the machine has time"
+
     seen = b.hears("/x", POSE)
     kept = b.hears("/state", BOOL, LATCHED)
     writer = a.backend.advertise("/x", POSE, RELIABLE)
     state = a.backend.advertise("/state", BOOL, LATCHED)
     a.backend.serve("/echo", ADD, echo)
     state.put(cdr_of(1))
+
     for node in (a, b):
         await until(lambda node=node: "router" in node.shown.now)
         assert (
@@ -243,6 +246,7 @@ async def test_peer_waits_for_its_router_and_survives_restarts(at: Graphs) -> No
                 "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or set mode to router to be it"
             )
         )
+
     writer.put(cdr_of(1))
     async with process("router", at.endpoint) as router:
         for turn in (1, 2):
@@ -270,6 +274,7 @@ async def test_clients_are_tried_again_and_survive_a_restart(at: Graphs) -> None
     waiting = asyncio.create_task(opened(config, shown))
     opening = asyncio.create_task(at.node("/a", "client"))
     await until(lambda: "router" in shown.now)
+
     said = f"nobody answers at {at.endpoint}: start one with `ros2 run rmw_zenoh_cpp rmw_zenohd`, or set"
     assert shown.now["router"].startswith(said)
     async with process("router", at.endpoint) as router:
@@ -282,14 +287,17 @@ async def test_clients_are_tried_again_and_survive_a_restart(at: Graphs) -> None
         writer = a.backend.advertise("/x", POSE, RELIABLE)
         state = a.backend.advertise("/state", BOOL, LATCHED)
         state.put(cdr_of(1))
+
         await met(a, b)
         await until(lambda: kept == [1])
         router.kill()
         await until(lambda: "is lost" in a.backend.problem and "router" in b.shown.now)
         await until(lambda: b.graph.nodes == frozenset({"/b"}))
+
         state.put(cdr_of(2))
         await router.start()
         await until(lambda: not a.backend.problem and not b.shown.now, BACK_S)
+
         await met(a, b)
         await arrives(lambda: writer.put(cdr_of(9)), seen)
         await until(lambda: kept == [1, 2])
@@ -300,6 +308,7 @@ async def test_failing_join_is_reported_and_can_be_cancelled() -> None:
     client = BackendConfig(mode="client", endpoint=endpoint)
     with pytest.raises(ConnectError, match=r"nobody answers at tcp/127.0.0.1:\d+: start one with `ros2 run"):
         await opened(client, Shown(), patience_s=0.1)
+
     for mode in ("client", "peer"):
         opening = asyncio.create_task(opened(BackendConfig(mode=mode, endpoint=endpoint), Shown()))
         await asyncio.sleep(0.1)
@@ -310,6 +319,7 @@ async def test_failing_join_is_reported_and_can_be_cancelled() -> None:
         assert time.monotonic() - began_s < 5 * slowness()
     with pytest.raises(ConfigError, match="'7447' is no address; write one like tcp"):
         await open_raw_session(RawLink(endpoint="7447"))
+
     router = await opened(BackendConfig(mode="router", endpoint=endpoint), Shown())
     with pytest.raises(ListenError, match="a router is running there already: join it as a peer"):
         await opened(BackendConfig(mode="router", endpoint=endpoint), Shown())
@@ -339,6 +349,7 @@ async def test_a_reader_that_stands_still_does_not_stop_us(at: Graphs, a: Node, 
         await until(
             lambda: any(each.name == "/flood" and each.node == "/talker" for each in a.graph.endpoints)
         )
+
         writer = a.backend.advertise("/flood", POSE, RELIABLE)
         await arrives(lambda: writer.put(cdr_of(1)), seen)
         talker.send(signal.SIGSTOP)
@@ -349,6 +360,7 @@ async def test_a_reader_that_stands_still_does_not_stop_us(at: Graphs, a: Node, 
             longest_s = max(longest_s, time.monotonic() - began_s)
             if number % 10 == 0:
                 await asyncio.sleep(0)
+
         assert longest_s < 4, "blocking would be 5 s"
         await arrives(lambda: writer.put(cdr_of(9999)), seen, number=9999)
         assert set(seen) <= {*range(1, 2000), 9999}

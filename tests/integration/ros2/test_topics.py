@@ -60,6 +60,7 @@ async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[
             writer.put(cdr_of(number))
         if number % 20 == 0:
             await until(lambda: {seen[-1] for seen in (*to_b, to_a)} == {number})  # noqa: B023
+
     for seen in (*to_b, to_a):
         assert [each for each in seen if each] == list(range(1, 101))
     assert not a.shown.ever
@@ -81,12 +82,14 @@ async def test_late_subscriber_gets_latched_messages_once(at: Graphs, modes: tup
     state = b.hears("/state", BOOL, LATCHED)
     static = b.hears("/static", BOOL, Qos(depth=9, latched=True))
     unsure = b.hears("/lossy", BOOL, Qos(depth=1, latched=True, reliable=False))
+
     await until(lambda: (state, static, unsure) == ([5], [3, 4, 5], [5]), what=f"{state} {static} {unsure}")
     early = b.hears("/later", BOOL, LATCHED)
     await met(a, b)
     later = a.backend.advertise("/later", BOOL, LATCHED)
     later.put(cdr_of(8))
     await until(lambda: early == [8])
+
     first.put(cdr_of(6))
     later.put(cdr_of(9))
     await until(lambda: (state, early) == ([5, 6], [8, 9]))
@@ -173,6 +176,7 @@ async def test_closed_endpoints_are_gone_and_others_continue(a: Node, b: Node) -
     before = len(seen)
     state.close()
     writer.put(cdr_of(2))
+
     await arrives(lambda: other.put(cdr_of(2)), rest)
     assert len(seen) == before
     late = b.hears("/state", BOOL, LATCHED)
@@ -181,6 +185,7 @@ async def test_closed_endpoints_are_gone_and_others_continue(a: Node, b: Node) -
     assert late == []
     with pytest.raises(BusClosedError):
         state.put(cdr_of(3))
+
     await a.backend.close()
     await a.backend.close()
     with pytest.raises(BusClosedError):
@@ -234,11 +239,13 @@ async def test_bridges_in_one_domain_are_reported_and_ignore_each_other(at: Grap
         await arrives(lambda count=count, writer=writer: writer.put(cdr_of(count)), to_robot, number=count)
     for seen in (to_a, to_b):
         await arrives(lambda: writers[2].put(cdr_of(2)), seen)
+
     assert set(to_a) == set(to_b) == {2}
     for node, other in ((a, name), (b, "/pointit")):
         told = f"another PointIt bridge is node {other} in this domain ({DOMAIN}): "
         await until(lambda node=node, told=told: node.shown.now.get("bridge", "").startswith(told))
     assert not robot.shown.ever
+
     await b.backend.close()
     await until(lambda: not a.shown.now)
 

@@ -71,9 +71,11 @@ async def test_garbage_is_dropped_and_counted(
     for count, (what, payload) in enumerate(GARBAGE.items(), start=1):
         stranger.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)  # a megabyte needs time
         await until(lambda count=count: subscription.traffic.invalid >= count, what=what)
+
     assert subscription.traffic.invalid == len(GARBAGE)
     assert not seen
     assert subscription.traffic.errors == 0
+
     lines = [record for record in caplog.records if f"{topic.key}: dropped" in record.message]
     assert 1 <= len(lines) <= 1 + (time.monotonic() - began_s)
     assert all(len(record.message) < 400 for record in lines), "a megabyte does not belong in a log"

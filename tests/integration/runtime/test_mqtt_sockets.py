@@ -29,8 +29,10 @@ async def test_socket_that_is_closed_before_it_is_watched_is_ignored(*, is_close
             near.close()
         await asyncio.sleep(0.01)
         is_watched = loop.remove_writer(number) or loop.remove_reader(number)
+
         assert is_watched is not is_closed
         near.close()
     if client._misc_task is not None:
         client._misc_task.cancel()
+
     assert not failures

@@ -88,6 +88,7 @@ async def test_slow_reader_delays_nobody_and_gets_the_newest() -> None:
             put(seq)
             await asyncio.sleep(1 / RATE_HZ)
         handled = len(slow.seen) - handled_before
+
         # had the writer waited for the slow one, it would have handled everything by now, twice the count
         assert handled < count
         await until(lambda: got.received >= before + count * len(NAMES), what="the fast reader to get all")
@@ -95,6 +96,7 @@ async def test_slow_reader_delays_nobody_and_gets_the_newest() -> None:
         assert slow.most_waiting <= len(NAMES), "one a key, however slow the reader"
         assert slow.subscription is not None
         assert slow.subscription.traffic.dropped > count
+
         await asyncio.to_thread(slow.stop)
         await fast.close()
         await writer.close()

@@ -60,9 +60,11 @@ async def test_router_loss_and_return_are_logged_once_and_shown_meanwhile(
     third = await ZenohBus.open(Link(connect=(two.router.endpoint,)))
     await settled(two.a, two.b, third)
     assert not [record for record in caplog.records if "router at" in record.message]
+
     await third.close()
     view = ServiceBus(two.a, WallClock(), "pointing", "pointing.anna", "anna")
     assert view.report().status == "ok"
+
     for _ in range(2):
         caplog.clear()
         await two.cut()
@@ -134,6 +136,7 @@ async def test_states_of_the_meantime_arrive(two: Two) -> None:
     kept = two.a.publisher(topics.PROFILE, "anna")
     changed = two.a.publisher(topics.PROFILE, "ben")
     kept.put(UserProfile(stamp_ns=1, seq=1))
+
     changed.put(UserProfile(stamp_ns=1, seq=10))
     await until(lambda: sorted(early) == [1, 10])
     await two.cut()
@@ -142,6 +145,7 @@ async def test_states_of_the_meantime_arrive(two: Two) -> None:
     two.b.subscribe(topics.PROFILE, lambda message, _name: late.append(message.seq))
     fresh = two.a.publisher(topics.PROFILE, "carl")
     fresh.put(UserProfile(stamp_ns=1, seq=20))
+
     await two.heal()
     await until(lambda: sorted(set(early[2:])) == [11, 20] and sorted(late) == [1, 11, 20], RECOVERY_S)
     changed.put(UserProfile(stamp_ns=1, seq=12))
@@ -158,6 +162,7 @@ async def test_events_of_the_meantime_arrive_in_order_or_are_counted(two: Two, d
     await settled(two.a, two.b)
     for seq in range(10):
         writer.put(ButtonEvent(stamp_ns=1, seq=seq))
+
     await until(lambda: seen == list(range(10)))
     await two.cut()
     total = 10 + during
@@ -165,9 +170,11 @@ async def test_events_of_the_meantime_arrive_in_order_or_are_counted(two: Two, d
         writer.put(ButtonEvent(stamp_ns=1, seq=seq))
     await two.heal()
     traffic = subscription.traffic
+
     await until(lambda: len(seen) + traffic.lost == total, RECOVERY_S, f"{len(seen)}, {traffic}")
     assert seen == sorted(set(seen))
     assert traffic.lost == max(0, during - EVENT_CACHE)
+
     writer.put(ButtonEvent(stamp_ns=1, seq=total))
     await until(lambda: seen[-1] == total)
     assert len(seen) + traffic.lost == total + 1

@@ -36,6 +36,7 @@ async def test_a_service_keeps_the_sites_time_from_its_first_message(
     serving = asyncio.create_task(process_module._serve(launch, link, clock_timeout_s=patience_s))
     await asyncio.sleep(0.1)  # it may well be there before the site has a time
     keeping = asyncio.create_task(publish_time(clock, bus))
+
     await until(lambda: bool(maps), 30)
     assert (clock._start_ns <= maps[0].stamp_ns <= clock.now_ns()) is follows
     for task in (serving, keeping):

@@ -160,9 +160,11 @@ async def test_sample_is_decoded_once_for_all_readers_of_a_process(
     await until(lambda: all(sink.seen for sink in sinks))
     assert len(decoded) == 1
     assert sinks[0].messages[0] is sinks[1].messages[0] is sinks[2].messages[0]
+
     stranger.put(key, b"garbage")
     await until(lambda: all(subscription.traffic.invalid == 1 for subscription in subscriptions))
     assert len(decoded) == 2
+
     subscriptions[0].close()
     stranger.put(key, encode(imu(2)))
     await until(lambda: sinks[1].of("anna") == sinks[2].of("anna") == [1, 2])

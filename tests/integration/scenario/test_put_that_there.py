@@ -177,6 +177,7 @@ def test_package_selected_by_speech_goes_to_the_bay_for_selections(tmp_path: Pat
                         words = [TimedWord(each, None) for each in ("take", "that")]
                         site._bus.publisher(topics.SPEECH, USER).put(speech(words, 0, site.now_ns()))
             (taken,) = understood[-1].referents
+
             assert understood[-1].message.endswith(f"{taken.name} is {USER}'s")
             async for selection in site.messages(topics.SELECTION):
                 if taken.name in {one.id for one in selection.objects if one.user == USER}:

@@ -72,6 +72,7 @@ def test_anchor_with_a_hanging_arm_is_refused_and_changes_nothing() -> None:
     )
     outcome = play("scenario_2", Choices(seed=1, localize=True, settings=settings), 10.0)
     (anchor,) = outcome.anchors
+
     assert not anchor.accepted
     assert anchor.reason in refusals(outcome)
     assert f"refused: {anchor.reason}" in outcome.view[80]

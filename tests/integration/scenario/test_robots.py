@@ -126,6 +126,7 @@ def test_two_people_steer_two_robots_at_once() -> None:
     flights = play_robots(scenario, 24.0, seed=1, users=("anna", "ben"), settings=WITHOUT_FENCES)
     assert turns(flights, "quad")
     assert turns(flights, "swift")
+
     own: dict[str, str] = {}
     both = False
     for robot, user in flights.owners:
@@ -135,6 +136,7 @@ def test_two_people_steer_two_robots_at_once() -> None:
         else:
             own.pop(robot, None)
         both |= len(own) == 2
+
     assert both
     assert flights.landed_off_m
 

@@ -111,6 +111,7 @@ async def test_act_is_done_once_and_reported_by_the_next_selector(shop: Shop, *,
     await shop.start_carrier()
     selector = await shop.start_selector()
     assert (await shop.switch()).endswith("did not tell the result yet")
+
     selector.kill()
     await selector.wait()
     if is_early:  # nobody hears the result
@@ -119,6 +120,7 @@ async def test_act_is_done_once_and_reported_by_the_next_selector(shop: Shop, *,
             lambda: all(each.things[0].last for each in shop.things.values()), what="the end of the act"
         )
     await shop.start_selector()
+
     (shop.folder / "go").touch()
     await until(lambda: shop.radio == [False], what="the result")
     await shop.hear(("done", ""))

@@ -53,6 +53,7 @@ async def test_shards_hover_and_lose_nothing_while_the_selector_is_gone(
         person.hovers.clear()
     await hall.all(lambda person: any(hover.object_id == "a" for hover in person.hovers), "a hover")
     hall.start(hall.site)
+
     await hall.ready()
     hall.check()
     await hall.all(lambda person: not any(NO_ARBITER in text for text in person.warnings), "no warning")
@@ -60,5 +61,6 @@ async def test_shards_hover_and_lose_nothing_while_the_selector_is_gone(
     hall.point()
     before = len(hall.events)
     await until(lambda: len(hall.events) > before, what="another decision")
+
     await hall.settled()
     hall.check()

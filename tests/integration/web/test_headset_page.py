@@ -49,15 +49,18 @@ async def test_headset_moves_its_person_until_the_arm_is_released(bench: Bench, 
     stepped = bench.collect(topics.STEP, "anna")
     await people(bench, page, "anna")
     assert await take(page) == ""
+
     await wear(page)
     await until(lambda: (POSE, "anna") in page.states, what="the pose")
     await until(lambda: bool(samples and poses), what="the wrist")
     assert page.states[POSE, "anna"]["position_m"][:2] == pytest.approx([1.0, 2.0])
     assert {sample.source for sample in samples} == {"headset"}
+
     await page.ask(deed="press", name="anna")
     await page.ask(deed="step", name="anna", query={"by": 1})
     assert [pressed[-1].source, stepped[-1].source] == ["headset", "headset"]
     await until(lambda: page.person("anna")["moved_by"] == "headset" and page.person("anna")["is_mine"])
+
     await page.ask(deed="give", name="anna")
     await until(lambda: page.person("anna")["moved_by"] == "own")
     await no_pose(bench, "anna")
@@ -75,6 +78,7 @@ async def test_headsets_of_two_people_are_independent_until_a_page_closes() -> N
             await wear(one, "anna")
             await wear(two, "ben", 1.0)
             await until(lambda: {(POSE, "anna"), (POSE, "ben")} <= set(one.states))
+
             clock.advance(0.2)  # poses are 0.1 s apart at least
             await wear(two, "anna", 3.0)  # whom this page does not move
             pressed = bench.collect(topics.BUTTON, "ben")
@@ -84,6 +88,7 @@ async def test_headsets_of_two_people_are_independent_until_a_page_closes() -> N
             assert "held_s" in (await two.ask(deed="press", name="ben", query={"held_s": 9.0}))["error"]
             await until(lambda: one.person("ben")["moved_by"] == "headset")
         await until(lambda: one.person("ben")["moved_by"] == "own")
+
         await no_pose(bench, "ben")
         assert one.states[POSE, "anna"]["position_m"][:2] == pytest.approx([1.0, 2.0])
 
@@ -125,9 +130,11 @@ async def test_viewer_page_moves_only_the_person_of_its_phone_link() -> None:
             assert "does not move" in (await wearer.ask(deed="centre", name="anna"))["error"]
             assert await take(wearer) == ""
             assert "align it again" in (await wearer.ask(deed="centre", name="anna"))["error"]
+
             await wear(wearer)
             await until(lambda: (POSE, "anna") in operator.states)
             await until(lambda: operator.person("anna")["moved_by"] == "headset")
+
             await operator.ask(deed="pair", name="anna", query={"off": True})  # revokes the link
             await wear(wearer)
             await until(lambda: operator.person("anna")["moved_by"] == "own")

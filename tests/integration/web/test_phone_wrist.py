@@ -136,9 +136,11 @@ async def test_paired_phone_moves_the_arm() -> None:
         await until(lambda: site.person["moved_by"] == "phone" and not site.person["is_mine"])
         assert site.person["phone"] == "moves the arm"
         assert site.person["battery"] == 0.75
+
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "press"}))
         await until(lambda: bool(site.presses))
         assert (await heard(socket, "answer"))["error"] == ""
+
         feedback = models.Feedback(stamp_ns=1, cue="selected", chime="tick", haptic_ms=(30,))
         site.bench.put(FEEDBACK, feedback, ANNA)
         cue = await heard(socket, "cue")
@@ -190,11 +192,13 @@ async def test_phone_is_notified_when_a_mouse_takes_and_releases_control() -> No
         assert (await site.ask("take"))["error"] == ""
         assert "another device" in await lost_arm(socket)
         await until(lambda: site.person["moved_by"] == "mouse")
+
         await socket.send(turn(held(0.0), 2.0))
         await socket.send(json.dumps({"kind": "ask", "id": 1, "deed": "take"}))
         assert (await heard(socket, "answer"))["error"] == ""
         await until(lambda: site.person["moved_by"] == "phone")
         assert (await site.ask("give"))["error"] == ""
+
         text = await lost_arm(socket)
         assert "your own again" in text
         assert "another device" not in text

@@ -133,6 +133,7 @@ async def test_only_an_operator_may_find_connect_test_and_forget(started: Path) 
                 assert (
                     "no device 'x' is connected; connected: light shelf" in (await page.ask(**wish))["error"]
                 )
+
             async with server.page(VIEWER) as viewer:
                 await until(lambda: "devices" in viewer.status)
                 assert viewer.status["devices"] == []
@@ -164,6 +165,7 @@ async def test_light_is_connected_tested_stored_and_forgotten(started: Path) -> 
             await page.ask(deed="find_devices")
             assert not line(page, "light")
     expected += ["--site", bench.bus.site, "--connect", AT, "--", "ddp:kitchen.local"]
+
     assert commands(started) == [expected, expected]
 
 
@@ -182,6 +184,7 @@ async def test_device_name_with_a_dash_is_no_option(monkeypatch: pytest.MonkeyPa
             await until(lambda: len(page.status.get("devices", ())) == 2)
             await until(lambda: all(each["problem"] for each in page.status["devices"]), patience_s=120.0)
             problems = {each["label"]: each["problem"] for each in page.status["devices"]}
+
     assert "no LED output '--help' is installed" in problems["a"]
     assert "user '-anna': use 1 to 64 letters" in problems["c"]
 
@@ -192,10 +195,12 @@ async def test_wrist_is_a_person_whose_mounting_is_checked(started: Path) -> Non
         reply = (await page.ask(deed="connect_device", query=WRIST))["reply"]
         await until(lambda: bool(commands(started) and line(page, "wrist")))
         assert not line(page, "wrist")["is_on"], "no imu-bridge is there"
+
         bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.anna")
         await until(lambda: bool(line(page, "wrist").get("is_on")))
         fit = await page.ask(deed="check_mounting", query={"id": reply["id"]})
         assert fit["reply"] == {"about_arm_deg": 90.0}
+
         other = {**WRIST, "name": "ben"}
         bench.bus.announce(topics.SERVICE_ALIVE, "imu-bridge.ben")
         await until(lambda: "imu-bridge.ben" in {each["instance"] for each in page.status["services"]})
@@ -239,6 +244,7 @@ async def test_stored_light_waits_while_the_run_uses_its_controller(started: Pat
             told = "`--output ddp:kitchen.local` of this run drives it; leave that out, or forget"
             await until(lambda: str(line(page, "light").get("problem", "")).startswith(told))
             assert not line(page, "light")["is_on"]
+
         assert len(commands(started)) == 1
         async with (
             serving(bench, devices_at=AT, run_output="ddp:hall.local") as server,
@@ -347,11 +353,13 @@ async def test_process_is_ended_when_all_tasks_are_cancelled_once_more(
     told: list[object] = []
     running = asyncio.create_task(run_command.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))
+
     running.cancel()
     for _ in range(5):
         await asyncio.sleep(0)
     for task in asyncio.all_tasks() - before:
         task.cancel()
+
     done, _ = await asyncio.wait({running}, timeout=30.0)
     assert done
     assert {*psutil.Process().children()} <= others

@@ -169,6 +169,7 @@ async def test_published_page_opens_at_its_announced_address(
         link = link_in(caplog.text)
         told = "127.0.0.1:4321"
         assert link.startswith(f"http://{told}/?token=")
+
         entered = await client.get(link.partition(told)[2], headers={"Host": told})
         assert entered.status_code == 303
         headers = {"Cookie": entered.headers["set-cookie"].partition(";")[0]}
@@ -181,6 +182,7 @@ async def test_published_page_opens_at_its_announced_address(
             additional_headers=headers,
         ) as page:
             assert "hello" in str(await page.recv())
+
         for foreign in ("0.0.0.0", "192.168.1.5", "example.org"):  # noqa: S104 - refused
             assert (await client.get("/", headers={**headers, "Host": f"{foreign}:4321"})).status_code == 403
 
@@ -195,6 +197,7 @@ async def test_random_token_is_in_a_file_and_never_logged(caplog: pytest.LogCapt
         assert "the page is at" in logged
         for secret in (OPERATOR, VIEWER, "wrong", "secret"):
             assert secret not in logged
+
         caplog.clear()
         async with serving(bench, operator_token="") as server:
             link = link_in(caplog.text)

@@ -84,6 +84,7 @@ async def test_home_is_set_up_only_by_operators_of_a_home(tmp_path: Path) -> Non
         async with server.page() as page:
             assert page.hello is not None
             assert page.hello["home"]
+
         assert not home.acts
         assert not (tmp_path / "home-assistant.token").exists()
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:

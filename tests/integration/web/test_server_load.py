@@ -123,10 +123,12 @@ async def test_viewers_share_a_budget_that_refused_requests_spend(
             for page in viewers:
                 await page.say(kind="ask", id=number, key="no/such")
         await until(lambda: sum(len(page.answers) for page in viewers) == 6)
+
         for number in range(10):
             await operator.say(kind="ask", id=number, key="no/such")
         await until(lambda: len(operator.answers) == 10)
         assert sum(len(page.answers) for page in viewers) == 6
+
         bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
         for page in viewers:
             await until(lambda page=page: (CURSOR.key, "anna") in page.states)
@@ -252,10 +254,12 @@ async def test_pages_are_closed_at_once_when_the_server_ends(bench: Bench) -> No
         for count in range(10):
             light(bench, count)
             await asyncio.sleep(0.01)
+
         await until(lambda: connected(server) >= 4, what="all to be connected")
         began_s = loop.time()
     assert within(loop.time() - began_s, 3.0)
     await until(lambda: connected(server) == 0, what="every connection to end, read or not")
+
     for page in sockets:
         with contextlib.suppress(ConnectionClosed):
             async for _ in page:

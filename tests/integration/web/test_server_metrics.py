@@ -109,16 +109,19 @@ async def test_page_shows_the_past_while_another_stays_live() -> None:
         bench.put(MAP, Environment(**now(bench), name="lab"))
         await move(1.0)
         clock.advance(30.0)
+
         bench.put(
             SELECTION_EVENTS, SelectionEvent(**now(bench), event="selected", object_id="r-7", user="anna")
         )
         await until(lambda: bool(live.events))
+
         await move(2.0)
         clock.advance(30.0)
         async with server.page(VIEWER, path=PAST) as page:
             await until(lambda: bool(page.timeline and page.batches))
             assert page.hello is not None
             assert (page.hello["requests"], page.hello["deeds"]) == ([], [])
+
             selected = next(lane for lane in page.timeline["lanes"] if lane["kind"] == "selections")
             assert (selected["user"], selected["items"][0][2]) == ("anna", "selected 7")
             start_s = selected["items"][0][0]

@@ -134,6 +134,7 @@ async def test_replaced_scenario_leaves_only_its_map(bench: Bench, page: Page) -
     )
     await unknown(page, topics.DEPLOYMENT.key, "run.scenario_4")
     await known(page, topics.DEPLOYMENT.key, "run.scenario_3")
+
     await unknown(page, topics.OBJECTS.key, "conveyor")  # its tracker is silent
     assert (topics.MAP.key, "") in page.states
 
@@ -205,6 +206,7 @@ async def test_mouse_moves_the_arm_until_it_is_released() -> None:
         await until(lambda: page.person("anna")["is_mine"])
         assert page.person("anna")["moved_by"] == "mouse"
         await until(lambda: len(samples) > 3)
+
         before = samples[-1].orientation_xyzw
         await page.say(kind="aim", user="anna", at_m=[0.0, 5.0, 1.0])
         while samples[-1].orientation_xyzw == before:  # the page's word may come after some of the time
@@ -212,6 +214,7 @@ async def test_mouse_moves_the_arm_until_it_is_released() -> None:
             await asyncio.sleep(0.01)
         assert not (await page.ask(deed="give", name="anna"))["error"]
         await until(lambda: page.person("anna")["moved_by"] == "own")
+
         count = len(samples)
         await page.ask(deed="press", name="anna")
         await asyncio.sleep(0.1)
@@ -269,9 +272,11 @@ async def test_phone_is_paired_only_over_the_local_network(monkeypatch: pytest.M
         await person(bench, page)
         assert page.status["lan_url"] == ""
         assert "local network first" in (await page.ask(deed="pair", name="anna"))["error"]
+
         opened = await page.ask(deed="open_lan")
         assert opened["reply"]["url"].startswith("https://127.0.0.1:")
         await until(lambda: page.status["lan_url"] == opened["reply"]["url"])
+
         offer = (await page.ask(deed="pair", name="anna"))["reply"]
         assert offer["url"].startswith(opened["reply"]["url"] + "/phone?token=")
         assert offer["qr_svg"].startswith("<svg")

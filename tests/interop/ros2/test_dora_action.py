@@ -113,14 +113,17 @@ async def test_a_goal_is_done_and_another_is_cancelled(peers_python: Path, tmp_p
         assert goal["value"]["pose"]["header"]["frame_id"] == "map"
         assert goal["value"]["pose"]["pose"]["position"] == {"x": 1.5, "y": -0.5, "z": 0.0}
         await place.until(1, "active")
+
         feedback = zero(shape(TYPES, f"{NAVIGATE_TO_POSE}_Feedback"))
         feedback["distance_remaining"] = 1.25
         await place.dora.do("feedback", action=ACTION, goal=goal["goal"], value=feedback)
         await until(lambda: place.around.metrics == {"way left": 1.25}, PATIENCE_S, "feedback")
+
         await place.dora.do(
             "end", action=ACTION, goal=goal["goal"], status="succeeded", value={"error_code": 0}
         )
         await place.until(1, "done")
+
         place.items.clear()
 
         place.driver.command(FollowPath(2, ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))))

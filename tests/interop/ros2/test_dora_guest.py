@@ -71,6 +71,7 @@ async def test_person_of_the_peer_has_a_cursor_while_subscribed(place: Site) -> 
         rooms: list[Environment] = []
         look.bus.subscribe(MAP, lambda message, _name: rooms.append(message))
         await until(lambda: bool(rooms), NOTICED_S, "the map")
+
         await dora.sees("/MS/", "/pointit/%anna%pointing_ray/")
         await dora.advertises(RAYS, "geometry_msgs/msg/PoseStamped")
         await dora.advertises("/tf", "tf2_msgs/msg/TFMessage")
@@ -88,11 +89,14 @@ async def test_person_of_the_peer_has_a_cursor_while_subscribed(place: Site) -> 
                 NOTICED_S,
                 "her cursor",
             )
+
             await dora.do("listen", topic="/anna/cursor", type="geometry_msgs/msg/PointStamped")
             at = await dora.hears("/anna/cursor")
             assert math.dist((at["point"]["x"], at["point"]["y"], at["point"]["z"]), target_m) < 0.1
+
             await dora.sees("/MP/", "/pointit/%anna%pointing_ray/", gone=True)
             await dora.says(SUBSCRIPTION, wish | {"subscribe": False})
             await until(lambda: states[-1].state == "idle", NOTICED_S, "no cursor any more")
             await until(lambda: cursors[-1].point_m is None, NOTICED_S, "its end")
+
         await until(lambda: ANNA not in look.people, NOTICED_S, "her to have left")

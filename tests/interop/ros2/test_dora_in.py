@@ -65,6 +65,7 @@ async def test_belts_go_as_the_peer_says(place: Site, look: Onlooker) -> None:
     await dora.sees("robot/%belt_cmd")
     await dora.says("/belt_cmd", {"name": ["*"], "velocity": [0.125]})
     await comes(states, 0.125)
+
     await dora.says("/belt_cmd", {"name": ["part_f"], "velocity": [0.25]})
     await until(
         lambda: {each.id: each.speed_mps for each in states[-1].belts}.get("part_f") == 0.25,
@@ -72,6 +73,7 @@ async def test_belts_go_as_the_peer_says(place: Site, look: Onlooker) -> None:
         "one belt at its own speed",
     )
     assert await dora.calls("/set_belt_speed", SPEED, speed=0.5) == {}
+
     await comes(states, 0.5)
     await dora.calls("/set_belt_speed", SPEED, speed=-0.25)
     await comes(states, -0.25)
@@ -84,17 +86,20 @@ async def test_packages_come_by_service_and_by_topic(place: Site, look: Onlooker
     await dora.calls("/set_belt_speed", SPEED, speed=0.25)
     before = look.object_ids()
     assert await dora.calls("/add_pack", kind, uid=77, kind=1, position=0.0, belt=0) == {"result": True}
+
     one = await dora.hears("/packages", lambda value: 77 in {each["uid"] for each in value["packages"]})
     (package,) = [each for each in one["packages"] if each["uid"] == 77]
     assert (package["type"], package["position"]["name"]) == (1, "part_a")
     assert await dora.calls("/add_pack", kind, uid=77, kind=1, position=0.0, belt=0) == {"result": False}
     await until(lambda: bool(look.object_ids() - before), NOTICED_S, "the object on our bus")
+
     states: list[ConveyorState] = []
     look.bus.subscribe(ours.CONVEYOR_STATE, lambda message, _: states.append(message))
     await dora.calls("/set_belt_speed", SPEED, speed=0.0)  # nothing is fed any more
     await comes(states, 0.0)
     assert await dora.calls("/reset_pack_sim", "std_srvs/srv/Empty") == {}
     await until(lambda: not look.objects[-1].objects, NOTICED_S, "an empty conveyor")
+
     await dora.advertises("/add_package", "std_msgs/msg/UInt8")
     await dora.sees("robot/%add_package")
     await dora.says("/add_package", {"data": 1})
@@ -161,6 +166,7 @@ async def test_a_persons_cursor_follows_the_arm_that_the_peer_turns(place: Site,
         await until(lambda: bool(arm.rays and arm.rooms), NOTICED_S, "rays of user2")
         states = look.interactions["user2"]  # who has an arm from elsewhere points as soon as it is heard
         await until(lambda: states[-1:] != [] and states[-1].state == "pointing", NOTICED_S, "pointing")
+
         lines_m = {belt.id: belt.line_m for belt in arm.rooms[-1].belts}
         for belt in ("part_a", "part_e"):
             await arm.points_at(vector.scale(vector.add(*lines_m[belt][:2]), 0.5))
@@ -171,6 +177,7 @@ async def test_a_persons_cursor_follows_the_arm_that_the_peer_turns(place: Site,
             NOTICED_S,
             "the arm to be ahead now",
         )
+
         for wanted in ("idle", "pointing"):
             await dora.says(BUTTON, {"data": True})
             await dora.says(BUTTON, {"data": False})
@@ -182,6 +189,7 @@ async def test_services_are_left_to_a_peer_that_serves_them(place: Site, look: O
     look.bus.subscribe(ours.STRIPS_FRAME, lambda message, _: frames.append(message))
     dora = place.dora
     assert await dora.calls("/set_brightness", BRIGHTNESS, brightness=0.5, channel_index_mask=255) == {}
+
     trigger = "std_srvs/srv/Trigger"
     await dora.serves("/is_ready", trigger, success=True, message="yes")
     node = await opened(
@@ -208,6 +216,7 @@ async def test_late_joiner_gets_latched_messages_both_ways(place: Site, look: On
         await dora.do("listen", topic=topic, type=kind, latched=True, depth=1)
         assert await dora.hears(topic)
     await dora.advertises("/kept", BOOL, latched=True, depth=1)
+
     await dora.says("/kept", {"data": True})
     assert look.people >= {"user1"}
     node = await opened(

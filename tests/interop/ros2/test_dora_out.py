@@ -313,11 +313,13 @@ async def test_every_route_brings_the_values_that_are_on_our_bus(place: Site, se
         depth = row.qos.depth
         await place.dora.do("listen", topic=_heard_at(row), type=row.type, latched=latched, depth=depth)
     await until(lambda: len(seen.by_stamp[ours.RAY.key]) > 10, 20, "rays of user1")
+
     await _provoke(place.dora, seen)
     async with _reports(seen.bus, COLD):
         line = await place.dora.hears("/rosout", lambda line: line["name"] == "pointit.oven")
     assert (line["level"], line["msg"], line["file"], line["line"]) == (WARN, COLD, "", 0)
     assert _is_now(line["stamp"])
+
     async with _reports(seen.bus):
         for row in rows:
             await place.dora.hears(_heard_at(row), partial(_fits, row.name, seen))

@@ -185,10 +185,12 @@ async def test_bytes_of_strangers_harm_nobody_and_are_named(parts: Parts, strang
                 )
         await parts.look.sees_more(parts.states, "the site to go on")
     await _requests(stranger)
+
     await parts.flows()
     assert parts.bridge is not None
     assert parts.bridge.is_running
     assert parts.place.dora.is_alive
+
     for token in tokens:
         token.undeclare()
 

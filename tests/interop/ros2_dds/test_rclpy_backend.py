@@ -88,13 +88,16 @@ async def test_late_joiner_gets_latched_messages_once_either_way(pair: Pair) -> 
     await pair.theirs.do("say", topic="/in", value={"data": False})
     await pair.theirs.do("say", topic="/in", value={"data": True})
     await pair.theirs.do("listen", topic="/out", type=BOOL, depth=1, latched=True)
+
     await pair.ours.do("listen", topic="/in", type=BOOL, depth=1, latched=True)
     await pair.theirs.until("heard", bool, topic="/out")
     await pair.ours.until("heard", bool, topic="/in")
+
     await pair.ours.do("say", topic="/out", cdrs=[cdr(BOOL, data=False)])
     await pair.theirs.do("say", topic="/in", value={"data": False})
     heard = await pair.theirs.until("heard", lambda heard: len(heard) >= 2, topic="/out")
     assert heard == [{"data": True}, {"data": False}]
+
     heard = await pair.ours.until("heard", lambda heard: len(heard) >= 2, topic="/in")
     assert [value(BOOL, each).data for each in heard] == [True, False]
 
@@ -106,11 +109,13 @@ async def test_own_messages_never_return_but_equal_ones_from_others_arrive(pair:
     await pair.theirs.do("advertise", topic="/both", type=BOOL, depth=200)
     await pair.see("subscriber", "/both")
     await pair.see("publisher", "/both")
+
     await pair.ours.do("say", topic="/both", cdrs=[cdr(BOOL, data=True)] * 100, apart_s=0.001)
     await pair.theirs.until("heard", lambda heard: len(heard) == 100, topic="/both")
     for _ in range(3):
         await pair.theirs.do("say", topic="/both", value={"data": True})
     await pair.theirs.do("say", topic="/both", value={"data": False})
+
     heard = await pair.ours.until(
         "heard", lambda heard: [each for each in heard if not value(BOOL, each).data], topic="/both"
     )
@@ -144,6 +149,7 @@ async def test_each_sees_what_the_other_has(pair: Pair) -> None:
     await pair.ours.do("listen", topic="/user1/imu_in", type="sensor_msgs/msg/Imu", depth=5, reliable=False)
     await pair.theirs.do("advertise", topic="/user1/imu_in", type="sensor_msgs/msg/Imu")
     await pair.theirs.do("serve", service="/robot/go", type=SET, response={})
+
     has = [
         ["publisher", "/robot", "/user1/imu_in", "sensor_msgs/msg/Imu"],
         ["server", "/robot", "/robot/go", SET],
@@ -153,6 +159,7 @@ async def test_each_sees_what_the_other_has(pair: Pair) -> None:
         "graph", lambda graph: all(any(end[:4] == one for end in graph["ends"]) for one in has)
     )
     assert {"/robot", OURS} <= set(graph["nodes"])
+
     (mine,) = (end for end in graph["ends"] if end[2] == "/user1/pose")
     assert mine == ["publisher", OURS, "/user1/pose", POSE, TYPES.kind(POSE).hash, True]
 

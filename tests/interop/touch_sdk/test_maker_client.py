@@ -203,9 +203,11 @@ def test_messages_decode_as_the_makers_or_raise_value_error_if_damaged(
     messages = lines(touch_sdk_python, "1", f"{VALID}", f"{DAMAGED}")
     assert len(messages) == VALID + DAMAGED
     assert all(content is not None for _, content in messages[:VALID])
+
     both = 0
     for data, content in messages[:VALID]:
         assert text_of(asdict(decode_update(bytes.fromhex(data)))) == text_of(content), data
+
     for data, content in messages[VALID:]:
         try:
             decoded = asdict(decode_update(bytes.fromhex(data)))

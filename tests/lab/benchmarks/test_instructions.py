@@ -65,6 +65,7 @@ def test_counts_between_the_marks_are_divided_by_the_samples(
     )
     valgrind.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+
     measured = instructions.measure()
     assert (measured["samples"], measured["per_sample"]) == (40, 100_000)
     assert measured["by_hop"] == dict.fromkeys(instructions.HOPS, 0)  # the same count for each run

@@ -35,9 +35,11 @@ def test_a_table_for_people_json_and_a_picture(tmp_path: Path) -> None:
         *("--bench", "belts_lab", "--method", "gauge", "--method", "hold@0.5", "--trials", "2"),
         *("--json", str(file), "--plot", str(picture)),
     )
+
     assert "static, 1 of 3" in out
     assert "hold@0.5" in out
     assert "no people of belts_lab to compare with: give --data DIR" in err
+
     rows = json.loads(file.read_text())["rows"]
     assert [(row["bench"], row["condition"], row["method"], row["n"]) for row in rows] == [
         ("belts_lab", condition, method, 2)

@@ -128,6 +128,7 @@ def test_filter_is_steady_and_fast_on_recorded_people() -> None:
     raw = found["raw"]
     slow = found["low-pass 1 Hz"]
     ours = found["normal"]
+
     assert ours[0] < 0.7 * raw[0]
     assert ours[0] < slow[0]
     assert ours[1] < 0.5 * slow[1]

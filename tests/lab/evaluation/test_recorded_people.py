@@ -123,6 +123,7 @@ def test_rays_that_leap_are_left_out(windows: list[LocalizationTrial]) -> None:
         if isinstance(one, Solution) and isinstance(other, Solution):
             kept += 1
             assert math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) < max(0.2, one.position_sigma_m)
+
     assert kept >= 0.9 * taken > 0
 
 
@@ -176,6 +177,7 @@ def test_recorded_people_are_within_two_sigma_despite_a_late_tracker(name: str) 
             off_m[latency_sigma_s].append(math.hypot(result.x_m - trial.x_m, result.y_m - trial.y_m))
             turned_rad = 0.0 if trial.yaw_rad is None else yaw_difference(result.yaw_rad, trial.yaw_rad)
             judged_as.append(is_outside(result, off_m[latency_sigma_s][-1], turned_rad))
+
     assert np.mean(outside[0.15]) <= 0.05
     assert np.mean(outside[0.15]) < np.mean(outside[0.0])
     assert np.median(off_m[0.15]) < np.median(off_m[0.0])
@@ -300,5 +302,6 @@ def test_recorded_robot_is_chosen_over_decoys_with_a_similar_path() -> None:
         for decoy_m in (mirrored, late):
             told += [meant_in(following, t, decoy_m) for t in np.arange(4.0, stamps_s[-1] - 3.0, 1.0)]
     decided = [name for name in told if name]
+
     assert len(decided) >= 60
     assert decided.count("robot") >= 0.95 * len(decided)

@@ -131,6 +131,7 @@ def test_pointing_at_lamps_afterwards_is_scored_without_a_tracker(tmp_path: Path
         )
         for time_s in (1.0, 2.0)
     ]  # fmt: skip
+
     path = session(
         tmp_path / "s.mcap", [said(each.stamp_ns / 1e9 - 1000, ANCHOR, "anna", each) for each in anchors]
     )

@@ -53,7 +53,7 @@ def room(tmp_path: Path) -> Path:
     return path
 
 
-def test_correct_map_is_one_line_that_states_its_content(room: Path) -> None:
+def test_check_of_a_correct_map_is_one_line_stating_its_content(room: Path) -> None:
     result = invoke("check", str(room))
     assert result.exit_code == 0
     assert result.output == (

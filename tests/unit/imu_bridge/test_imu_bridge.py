@@ -250,7 +250,7 @@ def test_clock_of_32_bits_is_unwrapped() -> None:
     assert epoch.count == 1
 
 
-def test_first_connection_keeps_the_yaw_epoch_and_later_ones_raise() -> None:
+def test_later_connections_raise_the_yaw_epoch_unlike_the_first() -> None:
     epoch = YawEpoch()
     epoch.reconnected()
     assert epoch.count == 0

@@ -249,7 +249,7 @@ def test_link_that_stalls_is_no_jump() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-3, 1000.0])
-def test_device_clock_with_a_wrong_unit_or_standing_is_unused(speed: float) -> None:
+def test_stopped_device_clock_or_one_with_wrong_unit_is_unused(speed: float) -> None:
     clock = DeviceClock()
     for number in range(2000):
         clock.capture_ns(round(number * 10 * MS * speed), HOST_NS + number * 10 * MS)

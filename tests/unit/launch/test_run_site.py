@@ -59,7 +59,7 @@ async def test_surroundings_are_the_scenario_of_the_joined_site(
         ("hall", "--site hall --connect tcp/[::]:7448"),
     ],
 )
-def test_notice_of_a_moved_run_advises_a_site_only_when_none_was_named(site: str, options: str) -> None:
+def test_moved_run_notice_advises_a_site_only_when_none_was_named(site: str, options: str) -> None:
     notice = moved_notice(Link(site=site, listen=("tcp/[::]:7447",)), "tcp/[::]:7448")
     assert notice.endswith(f"listening at tcp/[::]:7448: give other commands {options}")
 

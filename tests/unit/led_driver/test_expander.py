@@ -113,7 +113,7 @@ class SentAtOnce:
 
 @pytest.mark.parametrize("pause_s", [0.0, KEEP_ALIVE_S])
 @pytest.mark.parametrize("baud", [100_000, 4_000_000])
-def test_frame_rate_is_the_links_even_for_static_pictures(
+def test_frame_rate_follows_the_link_even_for_static_pictures(
     pause_s: float, baud: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now_s = 0.0

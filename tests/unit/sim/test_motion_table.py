@@ -222,7 +222,7 @@ def test_robot_in_centimetres_is_refused_as_too_fast(tmp_path: Path) -> None:
         read(tmp_path, text_of((*ARM, *BODIES[:3]), rows))
 
 
-def test_head_in_millimetres_with_y_up_gets_both_remedies(tmp_path: Path) -> None:
+def test_millimetre_head_with_y_up_is_refused_with_both_remedies(tmp_path: Path) -> None:
     """Columns are those of OptiTrack's Motive."""
     rows: list[Row] = [[*row[:5], 1000 * float(row[8]), 1000 * float(row[10]), 300.0] for row in motion()]
     with pytest.raises(ConfigError, match=r"the head is .* m away, .* or both, plausible are .*mm with up y"):

@@ -74,7 +74,7 @@ def site(tmp_path: Path) -> Site:
     return Site(str(path))
 
 
-async def test_map_in_use_is_read_in_its_files_words(site: Site) -> None:
+async def test_map_in_use_is_read_as_its_file_writes_it(site: Site) -> None:
     found = await site.editor.read()
     assert (found["path"], found["shipped"], found["findings"]) == (site.map, False, [])
     assert found["sections"]["strips"] == {

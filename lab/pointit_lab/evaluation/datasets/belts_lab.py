@@ -88,7 +88,7 @@ def _run(path: Path, line: int, run: _Run) -> BeltRun:
         toggles += _toggles(path, line, run, package)
     toggles.sort(key=lambda toggle: toggle.at_s)
     targets = [package for package in run.packages if package.target]
-    missed = sum(package.selected[-1][1] == 0 for package in targets)
+    missed = sum(not _is_selected_at_end(package) for package in targets)
     return BeltRun(
         subject=run.subject,
         interface=run.interface,
@@ -102,17 +102,25 @@ def _run(path: Path, line: int, run: _Run) -> BeltRun:
     )
 
 
+def _is_selected_at_end(package: _Package) -> bool:
+    _, state = package.selected[-1]
+    return bool(state)
+
+
 def _toggles(path: Path, line: int, run: _Run, package: _Package) -> list[Toggle]:
     toggles: list[Toggle] = []
-    for (before, was), (index, state) in pairwise(package.selected):
+    samples = len(run.t)
+    for (previous_index, previous_state), (index, state) in pairwise(package.selected):
         # some files have a change after the last sample: count it at the end of the recording
-        is_in_order = before <= index <= len(run.t)
-        if not is_in_order or state == was:
+        is_in_order = previous_index <= index <= samples
+        if not is_in_order or state == previous_state:
+            previous = [previous_index, previous_state]
             raise ConfigError(
                 f"{path}, line {line}: packages, uid {package.uid}, selected: changes of state in order, "
-                f"within the {len(run.t)} samples, were expected, got {[index, state]} after "
-                f"{[before, was]}; take the line out"
+                f"within the {samples} samples, were expected, got {[index, state]} after {previous}; "
+                "take the line out"
             )
-        at_s = run.t[min(index, len(run.t) - 1)]
-        toggles.append(Toggle(at_s=at_s, is_wrong=bool(state) is not package.target))
+        at_s = run.t[min(index, samples - 1)]
+        is_wrong = bool(state) is not package.target
+        toggles.append(Toggle(at_s=at_s, is_wrong=is_wrong))
     return toggles

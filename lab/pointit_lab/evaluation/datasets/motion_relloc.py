@@ -26,12 +26,15 @@ def read(folder: Path, reading: TrialReading) -> None:
         ConfigError: If the index or a file is damaged.
     """
     for entry in read_index(folder):
-        if entry.get("kind") == KIND:
-            path = file_of(folder, entry)
-            if path is None:
-                reading.skip(folder / text_of(folder, entry, "file"), "the index lists it, but it is missing")
-            else:
-                _add(path, text_of(folder, entry, "subject"), yaw_of(folder, entry), reading)
+        if entry.get("kind") != KIND:
+            continue
+        path = file_of(folder, entry)
+        if path is None:
+            name = text_of(folder, entry, "file")
+            reading.skip(folder / name, "the index lists it, but it is missing")
+            continue
+        subject = text_of(folder, entry, "subject")
+        _add(path, subject, yaw_of(folder, entry), reading)
 
 
 def _add(path: Path, subject: str, yaw_rad: float | None, reading: TrialReading) -> None:
@@ -47,10 +50,14 @@ def _add(path: Path, subject: str, yaw_rad: float | None, reading: TrialReading)
     robot_m = recorded.robot_m[is_whole]
     head_m = recorded.head_m[is_whole]
     check_reach(path, robot_m, head_m, "robot ('robot_x', …) and head ('head_x', …)")
-    arm = ArmFrame(MOUNTINGS[MOUNTING])
+
     # the radio data, 50 Hz with gaps, was resampled to 30 Hz: repeated samples are old
-    is_new = np.any(np.diff(orientation_xyzw, axis=0) != 0.0, axis=1)
+    steps = np.diff(orientation_xyzw, axis=0)
+    is_new = np.any(steps != 0.0, axis=1)
     fresh = np.append(True, is_new)
+
+    # the sensor's orientations are those of the arm but for its mounting
+    arm = ArmFrame(MOUNTINGS[MOUNTING])
     sensors: list[Quaternion] = [tuple(row) for row in orientation_xyzw[fresh].tolist()]
     arms = (arm.orientation(sensor) for sensor in sensors)
     origins_m, directions = eye_finger_rays(arms, OPERATOR)

@@ -32,35 +32,32 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
     Raises:
         ConfigError: If they go backwards, last longer than a day, or have an implausible step.
     """
+    source = f"{path}, {name}"
     steps_s = np.diff(times_s)
     back = np.flatnonzero(steps_s < 0.0)
     if len(back):
         i = int(back[0])
         before_s = times_s[i]
         after_s = times_s[i + 1]
-        raise ConfigError(
-            f"{path}, {name}: time goes backwards, {after_s:g} after {before_s:g}; sort the rows"
-        )
+        raise ConfigError(f"{source}: time goes backwards, {after_s:g} after {before_s:g}; sort the rows")
 
     # most often they are milliseconds or nanoseconds
     span_s = float(times_s[-1] - times_s[0])
     if span_s > LONGEST_S:
-        raise ConfigError(
-            f"{path}, {name}: the recording lasts {span_s:g} s and at most {LONGEST_S:g} s are read; "
-            "is it in seconds?"
-        )
-    if len(steps_s):
-        step_s = np.median(steps_s)
-        if step_s > LONGEST_STEP_S:
-            raise ConfigError(
-                f"{path}, {name}: the samples are {step_s:g} s apart and at most "
-                f"{LONGEST_STEP_S:g} s were expected; is it in seconds?"
-            )
-    if len(steps_s) >= 10 and len(steps_s) > MAX_HZ * span_s:
-        raise ConfigError(
-            f"{path}, {name}: {len(times_s)} samples lie within {span_s:g} s, more than {MAX_HZ:g} a "
-            "second; is it in seconds?"
-        )
+        limit = f"at most {LONGEST_S:g} s are read"
+        raise ConfigError(f"{source}: the recording lasts {span_s:g} s and {limit}; is it in seconds?")
+    if not len(steps_s):
+        return
+    step_s = np.median(steps_s)
+    if step_s > LONGEST_STEP_S:
+        limit = f"at most {LONGEST_STEP_S:g} s were expected"
+        raise ConfigError(f"{source}: the samples are {step_s:g} s apart and {limit}; is it in seconds?")
+
+    # a few samples may come together by chance
+    max_steps = MAX_HZ * span_s
+    if len(steps_s) >= 10 and len(steps_s) > max_steps:
+        samples = f"{len(times_s)} samples lie within {span_s:g} s"
+        raise ConfigError(f"{source}: {samples}, more than {MAX_HZ:g} a second; is it in seconds?")
 
 
 def check_reach(
@@ -79,14 +76,13 @@ def check_reach(
         ConfigError: If one is too far; names the first.
     """
     away_m = np.linalg.norm(targets_m - people_m, axis=1)
-    far = np.flatnonzero(~(away_m <= FARTHEST_M))
-    if len(far):
-        i = int(far[0])
-        line = f", line {lines[i]}" if lines is not None else ""
-        raise ConfigError(
-            f"{path}{line}: {quantity} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; "
-            "are they in metres, in one frame?"
-        )
+    far = np.flatnonzero(~(away_m <= FARTHEST_M))  # so NaN is far, too
+    if not len(far):
+        return
+    i = int(far[0])
+    line = "" if lines is None else f", line {lines[i]}"
+    problem = f"{quantity} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected"
+    raise ConfigError(f"{path}{line}: {problem}; are they in metres, in one frame?")
 
 
 def check_floor(path: Path, points_m: Array, names: str) -> None:
@@ -102,9 +98,10 @@ def check_floor(path: Path, points_m: Array, names: str) -> None:
     """
     if not len(points_m):
         return
-    away_m = float(np.median(np.hypot(points_m[:, 0], points_m[:, 1])))
+    distances_m = np.hypot(points_m[:, 0], points_m[:, 1])
+    away_m = float(np.median(distances_m))
     if away_m > FARTHEST_M:
+        problem = f"half of the points on the floor are farther than {away_m:g} m away"
         raise ConfigError(
-            f"{path}, {names}: half of the points on the floor are farther than {away_m:g} m away, and at "
-            f"most {FARTHEST_M:g} m were expected; are they in metres?"
+            f"{path}, {names}: {problem}, and at most {FARTHEST_M:g} m were expected; are they in metres?"
         )

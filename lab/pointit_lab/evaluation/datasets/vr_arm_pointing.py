@@ -104,57 +104,32 @@ def read_acts(path: Path) -> Iterator[RecordedActs]:
     table = read_table(path, numbers=("stature", *_TARGET, *_ACTED), texts=("subject",))
     groups = table.rows_by("subject")
     if len(groups) > MAX_SUBJECTS:
-        raise ConfigError(
-            f"{path}, column 'subject': has {len(groups)} subjects, limit {MAX_SUBJECTS}; is "
-            "it the subject? then split the file"
-        )
+        problem = f"has {len(groups)} subjects, limit {MAX_SUBJECTS}"
+        raise ConfigError(f"{path}, column 'subject': {problem}; is it the subject? then split the file")
     for (subject,), rows in groups.items():
         yield _acts_of(table.only(rows), subject)
 
 
 def _acts_of(table: Table, subject: str) -> RecordedActs:
     """Return the acts of `subject`; `table` has only their rows."""
-    statures_m = table.numbers["stature"]
-    strange = np.flatnonzero((statures_m < STATURES_M[0]) | (statures_m > STATURES_M[1]))
-    if len(strange):
-        row = int(strange[0])
-        least_m, most_m = STATURES_M
-        raise table.refuse(
-            row,
-            f"column 'stature': metres were expected, got {statures_m[row]:g}; give "
-            f"{least_m:g} to {most_m:g}",
-        )
-    body = scaled_body(float(np.median(statures_m)))
-
+    body = scaled_body(_stature_m(table))
     # a straight arm in the direction of the forearm
-    hands_m = table.vectors("hand_x", "hand_y", "hand_z")
-    forearms = hands_m - table.vectors("forearm_x", "forearm_y", "forearm_z")
-    lengths_m = np.linalg.norm(forearms, axis=1)
-    strange = np.flatnonzero((lengths_m < FOREARMS_M[0]) | (lengths_m > FOREARMS_M[1]))
-    if len(strange):
-        row = int(strange[0])
-        least_m, most_m = FOREARMS_M
-        raise table.refuse(
-            row,
-            f"columns 'hand_…', 'forearm_…': they are {lengths_m[row]:g} m apart, and "
-            f"{least_m:g} to {most_m:g} m were expected; are they in metres?",
-        )
-    origins_m, directions = eye_finger_rays(map(along, forearms.tolist()), body)
+    orientations = map(along, _forearms(table).tolist())
+    origins_m, directions = eye_finger_rays(orientations, body)
 
-    # the mean error sideways is that of the yaw in which people point
     targets_m = table.vectors(*_TARGET)
     heads_m = table.vectors("hmd_x", "hmd_y")
     floor_m = np.zeros(len(table))
-    check_reach(
-        table.path,
-        targets_m,
-        np.column_stack([heads_m, floor_m]),
-        "target ('target_x', …) and head ('hmd_x', …)",
-        table.lines,
-    )
+    people_m = np.column_stack([heads_m, floor_m])
+    names = "target ('target_x', …) and head ('hmd_x', …)"
+    check_reach(table.path, targets_m, people_m, names, table.lines)
+
+    # the mean error sideways is that of the yaw in which people point
     away_m = targets_m[:, :2] - heads_m
     azimuths = np.arctan2(directions[:, 1], directions[:, 0])
-    turns = azimuths - np.arctan2(away_m[:, 1], away_m[:, 0])
+    target_azimuths = np.arctan2(away_m[:, 1], away_m[:, 0])
+    turns = azimuths - target_azimuths
+    mean_turn = np.exp(1j * turns).mean()
     _, kinds = np.unique(targets_m, axis=0, return_inverse=True)
     return RecordedActs(
         subject=subject,
@@ -164,16 +139,58 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
         targets_m=targets_m,
         heads_m=heads_m,
         kinds=kinds.reshape(-1),
-        lean_rad=float(np.angle(np.exp(1j * turns).mean())),
+        lean_rad=float(np.angle(mean_turn)),
     )
+
+
+def _stature_m(table: Table) -> float:
+    """Return the median stature.
+
+    Raises:
+        ConfigError: If one is not plausible.
+    """
+    statures_m = table.numbers["stature"]
+    row = _row_outside(statures_m, STATURES_M)
+    if row is not None:
+        least_m, most_m = STATURES_M
+        problem = f"metres were expected, got {statures_m[row]:g}"
+        raise table.refuse(row, f"column 'stature': {problem}; give {least_m:g} to {most_m:g}")
+    return float(np.median(statures_m))
+
+
+def _forearms(table: Table) -> Array:
+    """Return the vectors (n x 3, m) from the middle of the forearm to the hand.
+
+    Raises:
+        ConfigError: If the length of one is not plausible.
+    """
+    hands_m = table.vectors("hand_x", "hand_y", "hand_z")
+    forearms = hands_m - table.vectors("forearm_x", "forearm_y", "forearm_z")
+    lengths_m = np.linalg.norm(forearms, axis=1)
+    row = _row_outside(lengths_m, FOREARMS_M)
+    if row is not None:
+        least_m, most_m = FOREARMS_M
+        expected = f"{least_m:g} to {most_m:g} m were expected"
+        raise table.refuse(
+            row,
+            f"columns 'hand_…', 'forearm_…': they are {lengths_m[row]:g} m apart, and {expected}; "
+            "are they in metres?",
+        )
+    return forearms
+
+
+def _row_outside(values: Array, limits: tuple[float, float]) -> int | None:
+    """Return the first row whose value is outside `limits`, or None."""
+    least, most = limits
+    outside = np.flatnonzero((values < least) | (values > most))
+    return int(outside[0]) if len(outside) else None
 
 
 def _add(acts: RecordedActs, count: int, subsets: int, reading: TrialReading) -> None:
     kinds = int(acts.kinds.max()) + 1
     if kinds < count:
-        reading.notes.append(
-            f"{NAME}, subject {acts.subject}: has {kinds} targets, so there are no trials of {count}"
-        )
+        problem = f"has {kinds} targets, so there are no trials of {count}"
+        reading.notes.append(f"{NAME}, subject {acts.subject}: {problem}")
         return
 
     # each trial draws its targets and their acts, then a pose of the map
@@ -184,9 +201,10 @@ def _add(acts: RecordedActs, count: int, subsets: int, reading: TrialReading) ->
         for kind in random.choice(kinds, size=count, replace=False):
             candidates = np.flatnonzero(acts.kinds == kind)
             chosen.append(int(random.choice(candidates)))
-        head = acts.heads_m[chosen].mean(axis=0)
+        # the trial is in axes of its own, as those of an IMU and of a map
         yaw_rad = float(random.uniform(-math.pi, math.pi))
         origin_m = random.uniform(-ROOM_M, ROOM_M, 2)
+        head = acts.heads_m[chosen].mean(axis=0)
         place_m = head - origin_m
         trial = LocalizationTrial(
             set=NAME,
@@ -204,11 +222,14 @@ def _add(acts: RecordedActs, count: int, subsets: int, reading: TrialReading) ->
 def _holds(acts: RecordedActs, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
     """Return each act as a hold, with the IMU's yaw origin at `yaw_rad` and the map's at `origin_m`."""
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
-    starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)
-    rows = np.repeat(chosen, HOLD_RAYS)
+    holds = np.arange(len(chosen))
+    starts_s = holds * (HOLD_S + PAUSE_S)
     stamps_s = starts_s[:, None] + within_s
+
+    rows = np.repeat(chosen, HOLD_RAYS)
     turn = Rotation.from_rotvec([0.0, 0.0, -yaw_rad])
     origins_m = turn.apply(acts.origins_m[rows])
     directions = turn.apply(acts.directions[rows])
-    targets_m = acts.targets_m[rows] - np.append(origin_m, 0.0)
+    map_origin_m = np.append(origin_m, 0.0)
+    targets_m = acts.targets_m[rows] - map_origin_m
     return Pointings(stamps_s.reshape(-1), origins_m, directions, targets_m)

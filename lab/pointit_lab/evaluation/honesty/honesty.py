@@ -2,6 +2,7 @@
 
 import math
 import zlib
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -55,7 +56,8 @@ class PeopleSource:
     def key(self) -> tuple[str, str]:
         """Return the set of the person and the condition."""
         person = self.followed or self.room
-        return "" if person is None else person.set, self.injection.name
+        name = "" if person is None else person.set
+        return name, self.injection.name
 
 
 def sources_of(
@@ -85,15 +87,14 @@ def sources_of(
         # not every condition fits both: some change only robots, others only lamps
         for injection in conditions:
             if injection.follows:
-                sources += [
-                    PeopleSource(injection=injection, number=number, followed=recording, most=windows)
-                    for number, recording in enumerate(own_recordings)
-                ]
+                for number, recording in enumerate(own_recordings):
+                    source = PeopleSource(
+                        injection=injection, number=number, followed=recording, most=windows
+                    )
+                    sources.append(source)
             if injection.points:
-                sources += [
-                    PeopleSource(injection=injection, number=number, room=room)
-                    for number, room in enumerate(own_rooms)
-                ]
+                for number, room in enumerate(own_rooms):
+                    sources.append(PeopleSource(injection=injection, number=number, room=room))
     return sources
 
 
@@ -123,25 +124,31 @@ def drawn_again(
     """
     verdicts = list(judged)
     for turn in range(1, MAX_DRAWN):
-        # a row without any taken pose is short, too: it needs its empty set
-        taken: dict[tuple[str, str], set[str]] = {}
-        for verdict in verdicts:
-            if verdict.set not in SIMULATED:
-                continue
-            subjects = taken.setdefault((verdict.set, verdict.condition), set())
-            if verdict.taken:
-                subjects.add(verdict.subject)
-        short = {key for key, subjects in taken.items() if len(subjects) < size.taken}
+        short = _short_rows(verdicts, size.taken)
         if not short:
             break
 
         # new people, judged only under the conditions that need more of them
         names = {name for name, _ in short}
-        drawn = people(None, sorted(names), size, seed + turn * size.people)
+        turn_seed = seed + turn * size.people
+        drawn = people(None, sorted(names), size, turn_seed)
         drawn_sources = sources_of(drawn.followed, drawn.rooms, injections)
         sources = [source for source in drawn_sources if source.key in short]
         verdicts += judged_sources(sources, jobs=jobs, tick=tick)
     return verdicts
+
+
+def _short_rows(verdicts: Iterable[Judged], people: int) -> set[tuple[str, str]]:
+    """Return set and condition of simulated rows in which fewer than `people` have a taken pose."""
+    # a row without any taken pose is short, too: it needs its empty set
+    taken = defaultdict[tuple[str, str], set[str]](set)
+    for verdict in verdicts:
+        if verdict.set not in SIMULATED:
+            continue
+        subjects = taken[verdict.set, verdict.condition]
+        if verdict.taken:
+            subjects.add(verdict.subject)
+    return {key for key, subjects in taken.items() if len(subjects) < people}
 
 
 def judged_sources(
@@ -163,17 +170,21 @@ def judged_sources(
 
 def judge_source(source: PeopleSource) -> list[Judged]:
     """Return the verdicts on all trials of `source`. Runs in other processes."""
-    return [verdict(trial, source.injection.name) for trial in trials_of(source)]
+    condition = source.injection.name
+    return [verdict(trial, condition) for trial in trials_of(source)]
 
 
 def trials_of(source: PeopleSource) -> Iterator[LocalizationTrial]:
     """Yield the trials of `source` under its condition, the same ones in each run."""
     injection = source.injection
     for number, trial in enumerate(_plain(source)):
+        if injection.change is None:
+            yield trial
+            continue
         text = f"{trial.set} {trial.subject} {injection.name}"
         seed = zlib.crc32(text.encode())
         rng = np.random.default_rng([seed, source.number, number])
-        yield trial if injection.change is None else injection.change(trial, rng)
+        yield injection.change(trial, rng)
 
 
 def _plain(source: PeopleSource) -> Iterator[LocalizationTrial]:
@@ -186,7 +197,8 @@ def _plain(source: PeopleSource) -> Iterator[LocalizationTrial]:
             trials = list(recording.trials((window_s,)))
             step = 1
             if source.most is not None:
-                step = max(1, math.ceil(len(trials) / source.most))
+                per_window = math.ceil(len(trials) / source.most)
+                step = max(1, per_window)
             yield from trials[::step]
     if source.room is not None:
         seed = zlib.crc32(source.room.subject.encode())
@@ -215,37 +227,35 @@ def verdict(trial: LocalizationTrial, condition: str) -> Judged:
 
     # the place, against its stated covariance (Mahalanobis)
     off_m = np.array([pose.x_m - trial.x_m, pose.y_m - trial.y_m])
-    error_m = float(np.hypot(*off_m))
     place_covariance = pose.covariance[:2, :2]
-    square = float(off_m @ np.linalg.solve(place_covariance, off_m))
-
-    # what needs the true yaw
-    in_yaw = None
-    miss_m = None
-    miss_sigma_m = None
-    right = None
-    if trial.yaw_rad is not None:
-        turned_rad = math.remainder(pose.yaw_rad - trial.yaw_rad, math.tau)
-        in_yaw = abs(turned_rad) <= 2.0 * pose.yaw_sigma_rad
-        miss_m = _miss_m(trial, off_m, turned_rad)
-        miss_sigma_m = _stated_miss_m(trial, pose)
-        right = right_share(np.array([-complex(*off_m)]), np.array([-turned_rad]))
-    return replace(
+    weighted = np.linalg.solve(place_covariance, off_m)
+    square = float(off_m @ weighted)
+    taken = replace(
         refused,
         taken=True,
-        error_m=error_m,
+        error_m=float(np.hypot(*off_m)),
         square=square / MEDIAN_SQUARE,
         in_place=square <= WITHIN_SQUARE,
-        in_yaw=in_yaw,
-        miss_m=miss_m,
-        right=right,
-        miss_sigma_m=miss_sigma_m,
+    )
+    if trial.yaw_rad is None:
+        return taken
+
+    # what needs the true yaw
+    turned_rad = math.remainder(pose.yaw_rad - trial.yaw_rad, math.tau)
+    offset = -complex(*off_m)
+    return replace(
+        taken,
+        in_yaw=abs(turned_rad) <= 2.0 * pose.yaw_sigma_rad,
+        miss_m=_miss_m(trial, off_m, turned_rad),
+        miss_sigma_m=_stated_miss_m(trial, pose),
+        right=right_share(np.array([offset]), np.array([-turned_rad])),
     )
 
 
 def _miss_m(trial: LocalizationTrial, off_m: Array, turned_rad: float) -> float:
     """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
-    east, north = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)).T
+    targets_m = trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)
+    east, north = targets_m.T
     # less 1: displacement by the rotation, not the rotated target
     cosine = math.cos(turned_rad) - 1.0
     sine = math.sin(turned_rad)
@@ -257,12 +267,15 @@ def _miss_m(trial: LocalizationTrial, off_m: Array, turned_rad: float) -> float:
 
 def _stated_miss_m(trial: LocalizationTrial, solution: Solution) -> float:
     """Return the rms miss of cursors at the targets of `trial` by the covariance of the pose `solution`."""
-    east, north = (trial.pointings.targets_m[:, :2] - (solution.x_m, solution.y_m)).T
+    targets_m = trial.pointings.targets_m[:, :2] - (solution.x_m, solution.y_m)
+    east, north = targets_m.T
     (xx, _, x_turn), (_, yy, y_turn), (_, _, turn) = solution.covariance.tolist()
     distance_squares: Array = east**2 + north**2
     cross_terms: Array = east * y_turn - north * x_turn
     squares: Array = xx + yy + distance_squares * turn + 2.0 * cross_terms
-    return math.sqrt(max(0.0, float(np.mean(squares))))
+    mean_square = float(np.mean(squares))
+    # rounding can make it negative
+    return math.sqrt(max(0.0, mean_square))
 
 
 def chosen(
@@ -278,47 +291,58 @@ def chosen(
             otherwise; `one_wall` to choose lamps of equal x; `visits` of each lamp.
     """
     pointings = trial.pointings
-    # a hold ends where the target changes
-    is_changed = np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1)
-    starts = np.flatnonzero(np.append(True, is_changed))
-    rows_of_pointings = np.arange(len(pointings))
-    holds: list[NDArray[np.intp]] = np.split(rows_of_pointings, starts[1:])
-    lamps_m = pointings.targets_m[starts]
-
-    # lamps to choose from: all, or those of a wall with enough of them
+    holds = _holds(pointings)
+    lamps_m = np.array([pointings.targets_m[hold[0]] for hold in holds])
     candidates: NDArray[np.intp] = np.arange(len(holds))
     if injection.one_wall:
-        walls: list[NDArray[np.intp]] = []
-        for x_m in lamps_m[:, 0].tolist():
-            wall = np.flatnonzero(np.abs(lamps_m[:, 0] - x_m) < WALL_M)
-            if len(wall) >= count:
-                walls.append(wall)
-        candidates = walls[int(rng.integers(len(walls)))]
+        candidates = _lamps_of_a_wall(lamps_m, count, rng)
 
     # one more for the wrong lamp, which is lit instead of one that is pointed at
-    order: list[int] = rng.choice(candidates, size=count + injection.wrong_lamp, replace=False).tolist()
+    drawn = count + injection.wrong_lamp
+    order: list[int] = rng.choice(candidates, size=drawn, replace=False).tolist()
     pointed = order[:count]
     lit_m = lamps_m[pointed].copy()
     if injection.wrong_lamp:
-        lit_m[rng.integers(count)] = lamps_m[order[-1]]
-    pointed = pointed * injection.visits
+        wrong = rng.integers(count)
+        lit_m[wrong] = lamps_m[order[-1]]
     lit_m = np.tile(lit_m, (injection.visits, 1))
+    chosen_holds = [holds[index] for index in pointed] * injection.visits
 
-    # holds one after the other
+    # one after the other
     stamps_s: list[Array] = []
     start_s = 0.0
-    for index in pointed:
-        hold_stamps_s = pointings.stamps_s[holds[index]]
-        stamps_s.append(hold_stamps_s - hold_stamps_s[0] + start_s)
-        start_s = float(stamps_s[-1][-1]) + PAUSE_S
-    chosen_holds = [holds[index] for index in pointed]
+    for hold in chosen_holds:
+        own_stamps_s = pointings.stamps_s[hold]
+        hold_stamps_s = own_stamps_s - own_stamps_s[0] + start_s
+        stamps_s.append(hold_stamps_s)
+        start_s = float(hold_stamps_s[-1]) + PAUSE_S
     rows = np.concatenate(chosen_holds)
-    lengths = [len(hold) for hold in chosen_holds]
-    targets_m = np.repeat(lit_m, lengths, axis=0)
-    return replace(
-        trial,
-        condition=f"{count} lamps",
-        pointings=Pointings(
-            np.concatenate(stamps_s), pointings.origins_m[rows], pointings.directions[rows], targets_m
-        ),
+    targets_m = np.repeat(lit_m, [len(hold) for hold in chosen_holds], axis=0)
+    chosen_pointings = Pointings(
+        np.concatenate(stamps_s), pointings.origins_m[rows], pointings.directions[rows], targets_m
     )
+    return replace(trial, condition=f"{count} lamps", pointings=chosen_pointings)
+
+
+def _holds(pointings: Pointings) -> list[NDArray[np.intp]]:
+    """Return the rows of each hold, which ends where the target changes."""
+    steps_m = np.diff(pointings.targets_m, axis=0)
+    is_changed = np.any(steps_m != 0.0, axis=1)
+    rows = np.arange(len(pointings))
+    changes = np.flatnonzero(is_changed) + 1
+    return np.split(rows, changes)
+
+
+def _lamps_of_a_wall(lamps_m: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return the indices of the lamps on a random wall that has at least `count`.
+
+    A wall is as probable as it has lamps.
+    """
+    x_m = lamps_m[:, 0]
+    walls: list[NDArray[np.intp]] = []
+    for wall_x_m in x_m.tolist():
+        is_near = np.abs(x_m - wall_x_m) < WALL_M
+        wall = np.flatnonzero(is_near)
+        if len(wall) >= count:
+            walls.append(wall)
+    return walls[int(rng.integers(len(walls)))]

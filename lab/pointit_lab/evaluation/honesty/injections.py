@@ -69,38 +69,52 @@ def arm_directions(trial: LocalizationTrial, beside_m: Array | None = None) -> A
     body = _body(trial)
     arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
     shoulder_m = np.array([0.0, 0.0, -body.neck_to_eyes_m])
-    shoulder_m += 0.0 if beside_m is None else beside_m
+    if beside_m is not None:
+        shoulder_m += beside_m
+
+    # the finger is where the ray meets the sphere of the arm's length about the shoulder
     rays = trial.pointings.directions
     half = rays @ shoulder_m
     square = half**2 - shoulder_m @ shoulder_m + arm_m**2
-    finger_m = (half + np.sqrt(np.maximum(square, 0.0)))[:, None] * rays
+    distance_m = half + np.sqrt(np.maximum(square, 0.0))
+    finger_m = distance_m[:, None] * rays
     arms = finger_m - shoulder_m
-    return np.asarray(arms / np.linalg.norm(arms, axis=1)[:, None], dtype=np.float64)
+    lengths_m = np.linalg.norm(arms, axis=1)
+    return np.asarray(arms / lengths_m[:, None], dtype=np.float64)
 
 
 def _body(trial: LocalizationTrial) -> BodyMeasures:
-    return scaled_body(STATURE_M * trial.eye_height_m / eye_height_m(BodyMeasures()))
+    default_eyes_m = eye_height_m(BodyMeasures())
+    return scaled_body(STATURE_M * trial.eye_height_m / default_eyes_m)
 
 
 def with_arms(trial: LocalizationTrial, arms: Array) -> LocalizationTrial:
     """Return `trial` with the rays that the localizer's model makes of `arms` (n x 3, unit, {H})."""
     body = _body(trial)
-    reach = (body.shoulder_to_wrist_m + body.wrist_to_finger_m) * arms
+    arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
+    reach = arm_m * arms
     reach[:, 2] -= body.neck_to_eyes_m
     lengths_m = np.linalg.norm(reach, axis=1)
     return _turned(trial, reach / lengths_m[:, None])
 
 
 def _turned(trial: LocalizationTrial, directions: Array) -> LocalizationTrial:
-    """Return `trial` with `directions`; what they are turned by on average turns the true yaw back."""
+    """Return `trial` with `directions`. The true yaw turns back by their mean turn."""
     previous = trial.pointings.directions
     azimuths = np.arctan2(directions[:, 1], directions[:, 0])
-    turns = azimuths - np.arctan2(previous[:, 1], previous[:, 0])
+    previous_azimuths = np.arctan2(previous[:, 1], previous[:, 0])
+    turns = azimuths - previous_azimuths
     yaw_rad = trial.yaw_rad
     if yaw_rad is not None:
-        mean_turn_rad = float(np.angle(np.exp(1j * turns).mean()))
+        mean_direction = np.exp(1j * turns).mean()
+        mean_turn_rad = float(np.angle(mean_direction))
         yaw_rad = math.remainder(yaw_rad - mean_turn_rad, math.tau)
-    return replace(trial, pointings=replace(trial.pointings, directions=directions), yaw_rad=yaw_rad)
+    return replace(_with_directions(trial, directions), yaw_rad=yaw_rad)
+
+
+def _with_directions(trial: LocalizationTrial, directions: Array) -> LocalizationTrial:
+    pointings = replace(trial.pointings, directions=directions)
+    return replace(trial, pointings=pointings)
 
 
 def shoulder(trial: LocalizationTrial, rng: np.random.Generator, *, to_right_m: float) -> LocalizationTrial:
@@ -111,32 +125,36 @@ def shoulder(trial: LocalizationTrial, rng: np.random.Generator, *, to_right_m: 
 
 def shoulder_unknown(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Move the shoulder up to `BESIDE_M` to either side."""
-    return _beside(trial, float(rng.uniform(-BESIDE_M, BESIDE_M)))
+    to_right_m = float(rng.uniform(-BESIDE_M, BESIDE_M))
+    return _beside(trial, to_right_m)
 
 
 def _beside(trial: LocalizationTrial, to_right_m: float) -> LocalizationTrial:
+    """Return `trial` with arms from a shoulder `to_right_m` beside the neck; the body turns with them."""
     hand = "right" if to_right_m > 0.0 else "left"
-    body = _body(trial).model_copy(update={"neck_to_shoulder_m": abs(to_right_m)})
-    stance = Stance(body, hand)
-    rays: list[Vec3] = [(x, y, z) for x, y, z in trial.pointings.directions.tolist()]
-    aims = (stance.aim_at(vector.add(stance.eyes_m, ray)) for ray in rays)
-    directions = [vector.direction(*aim) for aim in aims]
+    beside = {"neck_to_shoulder_m": abs(to_right_m)}
+    stance = Stance(_body(trial).model_copy(update=beside), hand)
+    directions: list[Vec3] = []
+    for x, y, z in trial.pointings.directions.tolist():
+        aim = stance.aim_at(vector.add(stance.eyes_m, (x, y, z)))
+        directions.append(vector.direction(*aim))
     return with_arms(trial, np.array(directions, dtype=np.float64))
 
 
 def shoulder_still(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Move the shoulder to the right of a body that does not turn, and faces the middle of all rays."""
     del rng
-    facing = trial.pointings.directions.mean(axis=0)
-    level = max(math.hypot(facing[0], facing[1]), 1e-6)
-    right = np.array([facing[1], -facing[0], 0.0]) / level
+    forward, left, _ = trial.pointings.directions.mean(axis=0)
+    level = max(math.hypot(forward, left), 1e-6)
+    right = np.array([left, -forward, 0.0]) / level
     return with_arms(trial, arm_directions(trial, BESIDE_M * right))
 
 
 def height(trial: LocalizationTrial, rng: np.random.Generator, *, taller_m: float) -> LocalizationTrial:
     """State the person `taller_m` taller than they are."""
     del rng
-    origins_m = trial.pointings.origins_m + np.array([0.0, 0.0, taller_m])
+    taller = np.array([0.0, 0.0, taller_m])
+    origins_m = trial.pointings.origins_m + taller
     return replace(trial, pointings=replace(trial.pointings, origins_m=origins_m))
 
 
@@ -144,32 +162,40 @@ def garbage(trial: LocalizationTrial, rng: np.random.Generator, *, share: float)
     """Turn a `share` of the rays to any directions."""
     count = len(trial.pointings)
     anywhere = rng.normal(size=(count, 3))
-    anywhere /= np.linalg.norm(anywhere, axis=1)[:, None]
-    is_garbage = (rng.random(count) < share)[:, None]
-    directions = np.where(is_garbage, anywhere, trial.pointings.directions)
-    return replace(trial, pointings=replace(trial.pointings, directions=directions))
+    lengths = np.linalg.norm(anywhere, axis=1)
+    anywhere /= lengths[:, None]
+    is_garbage = rng.random(count) < share
+    directions = np.where(is_garbage[:, None], anywhere, trial.pointings.directions)
+    return _with_directions(trial, directions)
 
 
 def drift(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Turn the rays at `DRIFT_RADPS` to either side; the true yaw is that of the middle."""
     stamps_s = trial.pointings.stamps_s
     side = float(rng.choice([-1.0, 1.0]))
-    turn = np.exp(1j * side * DRIFT_RADPS * (stamps_s - stamps_s.mean()))
+    from_middle_s = stamps_s - stamps_s.mean()
+    turn = np.exp(1j * side * DRIFT_RADPS * from_middle_s)
+
+    # the horizontal part of a ray as a complex number, which a multiplication turns
     rays = trial.pointings.directions
-    level = (rays[:, 0] + 1j * rays[:, 1]) * turn
+    level = rays[:, 0] + 1j * rays[:, 1]
+    level *= turn
     directions = np.stack([level.real, level.imag, rays[:, 2]], axis=1)
-    return replace(trial, pointings=replace(trial.pointings, directions=directions))
+    return _with_directions(trial, directions)
 
 
 def across(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Mount the sensor across the arm: its pitch is the arm's roll."""
     arms = arm_directions(trial)
     level = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), 1e-6)
-    left_x = -arms[:, 1] / level
-    left_y = arms[:, 0] / level
-    left = np.stack([left_x, left_y, np.zeros(len(arms))], axis=1)
+    left = np.zeros_like(arms)
+    left[:, 0] = -arms[:, 1] / level
+    left[:, 1] = arms[:, 0] / level
+    up = np.cross(arms, left)
+
+    # roll turns the sensor's axis about the arm
     roll_rad = _roll_rad(trial.pointings.stamps_s, rng)[:, None]
-    sideways = np.cos(roll_rad) * left + np.sin(roll_rad) * np.cross(arms, left)
+    sideways = np.cos(roll_rad) * left + np.sin(roll_rad) * up
     side = float(rng.choice([-1.0, 1.0]))
     return with_arms(trial, side * sideways)
 
@@ -181,8 +207,9 @@ def backwards(trial: LocalizationTrial, rng: np.random.Generator) -> Localizatio
 
 
 def _roll_rad(stamps_s: Array, rng: np.random.Generator) -> Array:
-    """Return the roll of an arm (n) that a person keeps about, but not quite."""
-    knots_s = np.arange(stamps_s[0], stamps_s[-1] + 2.0 * KNOT_S, KNOT_S)
+    """Return the roll of an arm (n, rad), which wanders about a mean of this person."""
+    end_s = stamps_s[-1] + 2.0 * KNOT_S
+    knots_s = np.arange(stamps_s[0], end_s, KNOT_S)
     knots_rad = rng.normal(0.0, ROLLING_RAD, len(knots_s))
     wander = np.interp(stamps_s, knots_s, knots_rad)
     mean_rad = float(rng.normal(0.0, ROLL_RAD))

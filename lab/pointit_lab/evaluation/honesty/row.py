@@ -1,5 +1,6 @@
 """Rows of the table of honesty, and what they should be."""
 
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -105,11 +106,10 @@ class HonestyRow:
 
 def rows_of(judged: Iterable[Judged]) -> list[HonestyRow]:
     """Return a row for each set, condition and duration, each after the row over all durations."""
-    groups: dict[tuple[str, str, str], list[Judged]] = {}
+    groups = defaultdict[tuple[str, str, str], list[Judged]](list)
     for verdict in judged:
         for duration in (EVERY, verdict.duration):
-            names = (verdict.set, verdict.condition, duration)
-            groups.setdefault(names, []).append(verdict)
+            groups[verdict.set, verdict.condition, duration].append(verdict)
     rows = [_row(*names, group) for names, group in groups.items()]
 
     # a stable sort by first appearance keeps the durations of a set and condition together
@@ -127,14 +127,16 @@ def pooled_rows(judged: Iterable[Judged], simulated: Collection[str]) -> list[Ho
         judged: verdicts.
         simulated: sets of simulated people. The others are recorded.
     """
-    groups: dict[tuple[str, str], list[Judged]] = {}
+    groups = defaultdict[tuple[str, str], list[Judged]](list)
     for verdict in judged:
         kind = "simulated people" if verdict.set in simulated else "recorded people"
         # people of different sets may have the same name
         subject = f"{verdict.set} {verdict.subject}"
-        unit = verdict.unit and f"{verdict.set} {verdict.unit}"
+        unit = verdict.unit
+        if unit:
+            unit = f"{verdict.set} {unit}"
         pooled = replace(verdict, subject=subject, unit=unit)
-        groups.setdefault((kind, verdict.condition), []).append(pooled)
+        groups[kind, verdict.condition].append(pooled)
     # by kind alone: conditions stay in the order of the injections
     keys = sorted(groups, key=lambda key: key[0])
     return [_row(kind, condition, EVERY, groups[kind, condition]) for kind, condition in keys]
@@ -142,33 +144,14 @@ def pooled_rows(judged: Iterable[Judged], simulated: Collection[str]) -> list[Ho
 
 def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:
     taken = [verdict for verdict in group if verdict.taken]
-
-    # shares of no pose at all have no interval
-    wrong = None
-    far = None
-    if taken:
-        wrong_count = sum(verdict.is_wrong for verdict in taken)
-        wrong = _share(wrong_count, len(taken))
-        far_count = sum(verdict.error_m > FAR_M for verdict in taken)
-        far = _share(far_count, len(taken))
-
-    # the share p of which n trials show none with probability 5 %: (1 - p)^n = 0.05
-    units = {verdict.unit or verdict.subject for verdict in taken}
-    independent = len(units)
-    without_one = _without_one(taken, lambda verdict: verdict.in_place)
-    wrong_without_one = _without_one(taken, lambda verdict: verdict.is_wrong)
-    provable = None
-    if independent:
-        provable = 1.0 - 0.05 ** (1.0 / independent)
-
-    # values that are unknown for some poses: over those that have one
+    # some values are unknown for some poses: over those that have one
     yaws = _known(verdict.in_yaw for verdict in taken)
     misses_m = _known(verdict.miss_m for verdict in taken)
     stated_misses_m = _known(verdict.miss_sigma_m for verdict in taken)
     right_shares = _known(verdict.right for verdict in taken)
     places = [verdict.in_place for verdict in taken]
     squares = [verdict.square for verdict in taken]
-    return HonestyRow(
+    row = HonestyRow(
         set=name,
         condition=condition,
         duration=duration,
@@ -178,15 +161,29 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         within_2_sigma=_mean(places),
         yaw_within_2_sigma=_mean(yaws),
         square=_median(squares),
-        wrong=wrong,
-        far=far,
+        wrong=None,
         miss_m=_median(misses_m),
         miss_sigma_m=_median(stated_misses_m),
         right=_mean(right_shares),
-        independent=independent,
-        provable=provable,
-        without_one=without_one,
-        wrong_without_one=wrong_without_one,
+    )
+    # shares of no pose at all have no interval
+    return _with_intervals(row, taken) if taken else row
+
+
+def _with_intervals(row: HonestyRow, taken: Sequence[Judged]) -> HonestyRow:
+    """Return `row` with the shares of wrong poses, and their uncertainty; `taken` is not empty."""
+    wrong_count = sum(verdict.is_wrong for verdict in taken)
+    far_count = sum(verdict.error_m > FAR_M for verdict in taken)
+    units = {verdict.unit or verdict.subject for verdict in taken}
+    return replace(
+        row,
+        wrong=_share(wrong_count, len(taken)),
+        far=_share(far_count, len(taken)),
+        independent=len(units),
+        # the share p of which n trials show none with probability 5 %: (1 - p)^n = 0.05
+        provable=1.0 - 0.05 ** (1.0 / len(units)),
+        without_one=_without_one(taken, lambda verdict: verdict.in_place),
+        wrong_without_one=_without_one(taken, lambda verdict: verdict.is_wrong),
     )
 
 
@@ -197,7 +194,9 @@ def _known(values: Iterable[float | None]) -> list[float]:
 def _share(hits: int, count: int) -> Interval:
     """Return `hits` of `count` with its 95 % interval."""
     ends = stats.binomtest(hits, count).proportion_ci(method="wilson")
-    return Interval(value=hits / count, low=float(ends.low), high=float(ends.high))
+    low = float(ends.low)
+    high = float(ends.high)
+    return Interval(value=hits / count, low=low, high=high)
 
 
 def _median(values: Sequence[float]) -> float | None:
@@ -210,11 +209,13 @@ def _mean(values: Sequence[float]) -> float | None:
 
 def _without_one(judged: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:
     """Return the range of the share of `hits` without one person; None of fewer than three people."""
-    people = {verdict.subject for verdict in judged}
-    if len(people) < 3:
+    by_person = defaultdict[str, list[bool]](list)
+    for verdict in judged:
+        by_person[verdict.subject].append(hits(verdict))
+    if len(by_person) < 3:
         return None
     shares: list[float] = []
-    for person in people:
-        others = [hits(verdict) for verdict in judged if verdict.subject != person]
-        shares.append(float(np.mean(others)))
+    for person in by_person:
+        others = [own for subject, own in by_person.items() if subject != person]
+        shares.append(float(np.mean(np.concatenate(others))))
     return min(shares), max(shares)

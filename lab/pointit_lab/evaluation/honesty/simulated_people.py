@@ -119,19 +119,22 @@ class SimulatedFollower:
         The first `REACH_S` are the reach from a resting arm. Rays start at (0, 0, `eyes_m`).
         """
         away = course(times_s - self.lag_s) - (self.x_m, self.y_m, self.eyes_m)
+        azimuths, elevations = _angles(away)
         # constant errors, and slopes
-        azimuths = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
-        azimuths += self.azimuth_slope * (azimuths - azimuths.mean()) + self.aim_rad
-        elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
+        azimuths = np.unwrap(azimuths)
+        from_middle = azimuths - azimuths.mean()
+        azimuths += self.azimuth_slope * from_middle + self.aim_rad
         elevations += self.elevation_slope * elevations + self.bias_rad
         # the reach from a hanging arm, with minimum jerk
-        share = np.clip((times_s - times_s[0]) / REACH_S, 0.0, 1.0)
+        since_start_s = times_s - times_s[0]
+        share = np.clip(since_start_s / REACH_S, 0.0, 1.0)
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         azimuths += (1.0 - share) * rng.uniform(-math.pi, math.pi)
         elevations = HANGING_RAD + share * (elevations - HANGING_RAD)
         # the wander is an angle on the sphere: azimuths change more when the arm is steep
         wander = self._wander(times_s, rng)
-        azimuths += wander[:, 0] / np.cos(elevations) - self.yaw_rad
+        azimuth_wander = wander[:, 0] / np.cos(elevations)
+        azimuths += azimuth_wander - self.yaw_rad
         elevations += wander[:, 1]
         flat = np.cos(elevations)
         x = flat * np.cos(azimuths)
@@ -150,7 +153,8 @@ class SimulatedFollower:
         errors = np.empty_like(white)
         errors[0] = white[0]
         for row in range(1, len(white)):
-            errors[row] = correlation * errors[row - 1] + innovation * white[row]
+            previous = errors[row - 1]
+            errors[row] = correlation * previous + innovation * white[row]
         return np.asarray(self.wander_rad * errors, dtype=np.float64)
 
 
@@ -176,36 +180,46 @@ def _person(rng: np.random.Generator) -> SimulatedFollower:
 
 def _body(follower: SimulatedFollower, rng: np.random.Generator) -> SimulatedFollower:
     """Return the eyes of `follower`, where they really are."""
-    x_m, y_m = rng.normal(0.0, BODY_SIGMA_M, 2)
+    x_m, y_m = rng.normal(0.0, BODY_SIGMA_M, 2).tolist()
     height_m = float(rng.normal(0.0, HEIGHT_SIGMA_M))
-    return replace(
-        follower,
-        x_m=follower.x_m + float(x_m),
-        y_m=follower.y_m + float(y_m),
-        eyes_m=follower.eyes_m + height_m,
-    )
+    eyes_x_m = follower.x_m + x_m
+    eyes_y_m = follower.y_m + y_m
+    return replace(follower, x_m=eyes_x_m, y_m=eyes_y_m, eyes_m=follower.eyes_m + height_m)
 
 
 def _follower(seed: int) -> FollowRecording:
     rng = np.random.default_rng([seed, 1])
     follower = _person(rng)
-    times_s = np.arange(0.0, REACH_S + FOLLOWED_S + 0.5 / RATE_HZ, 1.0 / RATE_HZ)
+    end_s = REACH_S + FOLLOWED_S
+    step_s = 1.0 / RATE_HZ
+    times_s = np.arange(0.0, end_s + 0.5 / RATE_HZ, step_s)
     course = _course(follower, rng)
     directions = _body(follower, rng).directions(course, times_s, rng)
+
+    # without the reach
     counts = times_s >= REACH_S
     times_s = times_s[counts]
-    directions = directions[counts]
     origins_m = _origins(follower, len(times_s))
+    stamps_s = times_s - times_s[0]
+    pointings = Pointings(stamps_s, origins_m, directions[counts], course(times_s))
     head_m = [follower.x_m, follower.y_m, follower.eyes_m]
+    name = f"seed {seed}"
     return FollowRecording(
         set=SET,
-        subject=f"seed {seed}",
-        pointings=Pointings(times_s - times_s[0], origins_m, directions, course(times_s)),
+        subject=name,
+        pointings=pointings,
         heads_m=np.tile(head_m, (len(times_s), 1)),
         eye_height_m=follower.eyes_m,
         yaw_rad=_yaw_rad(follower),
-        name=f"seed {seed}",
+        name=name,
     )
+
+
+def _angles(away: Array) -> tuple[Array, Array]:
+    """Return the azimuths and elevations (n each, rad) of vectors (n x 3)."""
+    azimuths = np.arctan2(away[:, 1], away[:, 0])
+    level_m = np.hypot(away[:, 0], away[:, 1])
+    return azimuths, np.arctan2(away[:, 2], level_m)
 
 
 def _yaw_rad(follower: SimulatedFollower) -> float:
@@ -225,19 +239,26 @@ def _course(follower: SimulatedFollower, rng: np.random.Generator) -> Course:
     is_eight, is_flying = rng.random(2) < 0.5
     middle_x_m = follower.x_m + away_m * math.cos(bearing)
     middle_y_m = follower.y_m + away_m * math.sin(bearing)
-    rate_radps = SPEED_MPS / radius_m / (1.5 if is_eight else 1.0)
 
-    def at(times_s: Array) -> Array:
+    # a figure of eight is longer: its angle advances more slowly
+    rate_radps = SPEED_MPS / radius_m
+    if is_eight:
+        rate_radps /= 1.5
+
+    def positions_m(times_s: Array) -> Array:
         angles = phase + rate_radps * times_s
-        across = np.sin(2.0 * angles) if is_eight else np.cos(angles)
+        across = np.cos(angles)
+        if is_eight:
+            across = np.sin(2.0 * angles)
         x_m = middle_x_m + radius_m * np.sin(angles)
         y_m = middle_y_m + radius_m * across
         z_m = np.zeros_like(angles)
         if is_flying:
-            z_m = FLIES_M + RISE_M * np.sin(1.3 * angles)
+            rise_m = RISE_M * np.sin(1.3 * angles)
+            z_m = FLIES_M + rise_m
         return np.stack([x_m, y_m, z_m], axis=1)
 
-    return at
+    return positions_m
 
 
 def _room(seed: int) -> LocalizationTrial:
@@ -247,22 +268,8 @@ def _room(seed: int) -> LocalizationTrial:
     lamps_m = rng.permutation(_lamps(rng))
     count = len(lamps_m)
 
-    # true directions, then this person's errors: slopes, constants, and the scatter of one hold
-    away = lamps_m - (eyes.x_m, eyes.y_m, eyes.eyes_m)
-    azimuths = np.arctan2(away[:, 1], away[:, 0])  # the room is in front: no wrapping
-    elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
-    turns = np.clip(azimuths - azimuths.mean(), -TURNS_RAD, TURNS_RAD)
-    azimuths += follower.azimuth_slope * turns
-    azimuth_scatter = rng.normal(0.0, rng.uniform(*ACT_RAD), count)
-    azimuths += follower.aim_rad - follower.yaw_rad + azimuth_scatter
-    elevations += follower.elevation_slope * elevations + follower.bias_rad
-    elevations += rng.normal(0.0, rng.uniform(*ACT_UP_RAD), count)
-
-    # a hold at each lamp, whose rays wander
-    wander = rng.normal(0.0, HOLD_WANDER_RAD, (2, count * HOLD_RAYS))
-    ray_azimuths = np.repeat(azimuths, HOLD_RAYS) + wander[0]
-    ray_elevations = np.repeat(elevations, HOLD_RAYS) + wander[1]
-    rays = vector_rows(ray_azimuths, ray_elevations)
+    azimuths, elevations = _lamp_angles(follower, eyes, lamps_m, rng)
+    rays = _held_rays(azimuths, elevations, rng)
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     starts_s = np.arange(count) * (HOLD_S + PAUSE_S)
     stamps_s = starts_s[:, None] + within_s
@@ -280,18 +287,50 @@ def _room(seed: int) -> LocalizationTrial:
     )
 
 
+def _lamp_angles(
+    follower: SimulatedFollower, eyes: SimulatedFollower, lamps_m: Array, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return azimuths and elevations (n each, {H}, rad) of a hold at each lamp, with the person's errors."""
+    away = lamps_m - (eyes.x_m, eyes.y_m, eyes.eyes_m)
+    azimuths, elevations = _angles(away)  # the room is in front: no wrapping
+    count = len(lamps_m)
+
+    # slopes, constant errors, and the scatter of a hold
+    from_middle = azimuths - azimuths.mean()
+    turns = np.clip(from_middle, -TURNS_RAD, TURNS_RAD)
+    azimuths += follower.azimuth_slope * turns
+    azimuth_scatter = rng.normal(0.0, rng.uniform(*ACT_RAD), count)
+    azimuths += follower.aim_rad - follower.yaw_rad + azimuth_scatter
+    elevations += follower.elevation_slope * elevations + follower.bias_rad
+    elevations += rng.normal(0.0, rng.uniform(*ACT_UP_RAD), count)
+    return azimuths, elevations
+
+
+def _held_rays(azimuths: Array, elevations: Array, rng: np.random.Generator) -> Array:
+    """Return `HOLD_RAYS` rays at each of the angles, which wander."""
+    shape = (2, len(azimuths) * HOLD_RAYS)
+    azimuth_wander, elevation_wander = rng.normal(0.0, HOLD_WANDER_RAD, shape)
+    ray_azimuths = np.repeat(azimuths, HOLD_RAYS) + azimuth_wander
+    ray_elevations = np.repeat(elevations, HOLD_RAYS) + elevation_wander
+    return vector_rows(ray_azimuths, ray_elevations)
+
+
 def vector_rows(azimuths: Array, elevations: Array) -> Array:
     """Return unit vectors (n x 3) of azimuths and elevations (n each, rad)."""
     angles = zip(azimuths.tolist(), elevations.tolist(), strict=True)
-    return np.array([vector.direction(*each) for each in angles], dtype=np.float64)
+    directions = [vector.direction(azimuth, elevation) for azimuth, elevation in angles]
+    return np.array(directions, dtype=np.float64)
 
 
 def _lamps(rng: np.random.Generator) -> Array:
     """Return the lamps (n x 3) on three walls, those in front at the same x."""
-    heights_m = rng.uniform(0.0, 2.2, FRONT_LAMPS + 2 * SIDE_LAMPS)
+    side_lamps = 2 * SIDE_LAMPS
+    heights_m = rng.uniform(0.0, 2.2, FRONT_LAMPS + side_lamps)
     front_x_m = np.full(FRONT_LAMPS, WALL_M)
     front_y_m = rng.uniform(-2.0, 2.0, FRONT_LAMPS)
     front = np.stack([front_x_m, front_y_m], axis=1)
-    along_m = rng.uniform(0.0, 2.5, 2 * SIDE_LAMPS)
-    side = np.stack([along_m, np.repeat([WALL_M, -WALL_M], SIDE_LAMPS)], axis=1)
-    return np.column_stack([np.concatenate([front, side]), heights_m])
+    side_x_m = rng.uniform(0.0, 2.5, side_lamps)
+    side_y_m = np.repeat([WALL_M, -WALL_M], SIDE_LAMPS)
+    side = np.stack([side_x_m, side_y_m], axis=1)
+    floor_plan = np.concatenate([front, side])
+    return np.column_stack([floor_plan, heights_m])

@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 
 from pointit_lab.evaluation.honesty.row import EVERY, HonestyRow
@@ -44,19 +44,24 @@ class HonestyLimits:
     def broken_by(self, row: HonestyRow) -> list[str]:
         """Return the figures of `row` out of range, in words."""
         broken: list[str] = []
+        taken_percent = 100.0 * row.taken
         if row.taken < self.taken_least:
-            broken.append(f"taken {100.0 * row.taken:.0f} %")
+            broken.append(f"taken {taken_percent:.0f} %")
         if row.taken * row.n < FEWEST:
             return broken
         wrong = None if row.wrong is None else row.wrong.value
-        for name, value, least, most in (
+        ranges = (
             ("2 sigma of the place", row.within_2_sigma, self.within_least, self.within_most),
             ("2 sigma of the yaw", row.yaw_within_2_sigma, self.yaw_least, self.yaw_most),
             ("confidently wrong", wrong, 0.0, self.wrong_most),
-        ):
-            if value is not None and not least <= value <= most:
-                broken.append(f"{name} {100.0 * value:.1f} %")
-        if row.square is not None and not self.square_least <= row.square <= self.square_most:
+        )
+        for name, share, least, most in ranges:
+            if share is not None and not least <= share <= most:
+                percent = 100.0 * share
+                broken.append(f"{name} {percent:.1f} %")
+        if row.square is None:
+            return broken
+        if not self.square_least <= row.square <= self.square_most:
             broken.append(f"squared error {row.square:.2f}")
         return broken
 
@@ -64,11 +69,12 @@ class HonestyLimits:
         """Return the range within both."""
         limits: dict[str, float] = {}
         for field in fields(self):
-            pair: tuple[float, float] = (getattr(self, field.name), getattr(other, field.name))
+            own: float = getattr(self, field.name)
+            others: float = getattr(other, field.name)
             if field.name.endswith("least"):
-                limits[field.name] = max(pair)
+                limits[field.name] = max(own, others)
             else:
-                limits[field.name] = min(pair)
+                limits[field.name] = min(own, others)
         return HonestyLimits(**limits)
 
 
@@ -93,7 +99,9 @@ def limits_of(row: HonestyRow) -> HonestyLimits:
     count = round(row.taken * row.n)
     if count < FEWEST:
         return TARGETS
-    if row.wrong is None or row.square is None or row.within_2_sigma is None:
+    if row.wrong is None or row.square is None:
+        return TARGETS
+    if row.within_2_sigma is None:
         return TARGETS
     place = row.within_2_sigma
     yaw = place if row.yaw_within_2_sigma is None else row.yaw_within_2_sigma
@@ -101,26 +109,31 @@ def limits_of(row: HonestyRow) -> HonestyLimits:
     # a row that is often wrong may take less, without limit
     taken_least = 0.0
     if row.wrong.value <= KNOWN_MISS:
-        taken_least = max(_down(row.taken - TAKEN_SLACK), 0.0)
+        taken_least = _least_share(row.taken - TAKEN_SLACK)
 
     # shares permit one pose more on either side
     pose_share = 1.0 / count
-    place_least = _least_share(place - pose_share)
-    place_most = _most_share(place + pose_share)
-    yaw_least = _least_share(yaw - pose_share)
-    yaw_most = _most_share(yaw + pose_share)
-    wrong_most = _most_share(row.wrong.value + pose_share)
-    square_least = _down(row.square / SQUARE_SLACK)
-    square_most = _up(row.square * SQUARE_SLACK)
-    return HonestyLimits(
+    least_square = _down(row.square / SQUARE_SLACK)
+    most_square = _up(row.square * SQUARE_SLACK)
+    own = HonestyLimits(
         taken_least=taken_least,
-        within_least=min(place_least, TARGETS.within_least),
-        within_most=max(place_most, TARGETS.within_most),
-        yaw_least=min(yaw_least, TARGETS.yaw_least),
-        yaw_most=max(yaw_most, TARGETS.yaw_most),
-        square_least=min(square_least, TARGETS.square_least),
-        square_most=max(square_most, TARGETS.square_most),
-        wrong_most=max(wrong_most, TARGETS.wrong_most),
+        within_least=_least_share(place - pose_share),
+        within_most=_most_share(place + pose_share),
+        yaw_least=_least_share(yaw - pose_share),
+        yaw_most=_most_share(yaw + pose_share),
+        square_least=least_square,
+        square_most=most_square,
+        wrong_most=_most_share(row.wrong.value + pose_share),
+    )
+    return replace(
+        own,
+        within_least=min(own.within_least, TARGETS.within_least),
+        within_most=max(own.within_most, TARGETS.within_most),
+        yaw_least=min(own.yaw_least, TARGETS.yaw_least),
+        yaw_most=max(own.yaw_most, TARGETS.yaw_most),
+        square_least=min(own.square_least, TARGETS.square_least),
+        square_most=max(own.square_most, TARGETS.square_most),
+        wrong_most=max(own.wrong_most, TARGETS.wrong_most),
     )
 
 
@@ -133,11 +146,13 @@ def _most_share(share: float) -> float:
 
 
 def _down(value: float) -> float:
-    return round(STEP * math.floor(value / STEP), 2)
+    steps = math.floor(value / STEP)
+    return round(STEP * steps, 2)
 
 
 def _up(value: float) -> float:
-    return round(STEP * math.ceil(value / STEP), 2)
+    steps = math.ceil(value / STEP)
+    return round(STEP * steps, 2)
 
 
 def regressions(rows: Sequence[HonestyRow], asked: Collection[tuple[str, str]] = ()) -> list[str]:
@@ -157,18 +172,23 @@ def regressions(rows: Sequence[HonestyRow], asked: Collection[tuple[str, str]] =
         if row.duration != EVERY:
             continue
         own_limits = limits.get((row.set, row.condition))
-        broken = ["no limits are stated"] if own_limits is None else own_limits.broken_by(row)
+        broken = ["no limits are stated"]
+        if own_limits is not None:
+            broken = own_limits.broken_by(row)
         if broken:
-            reports.append(f"{row.set}, {row.condition}: {', '.join(broken)}")
+            reasons = ", ".join(broken)
+            reports.append(f"{row.set}, {row.condition}: {reasons}")
     return reports
 
 
 def stated() -> dict[tuple[str, str], HonestyLimits]:
     """Return the limits of `LIMITS_FILE` by set and condition."""
-    text = resources.files(__package__ or "").joinpath(LIMITS_FILE).read_text(encoding="utf-8")
+    package = resources.files(__package__ or "")
+    text = package.joinpath(LIMITS_FILE).read_text(encoding="utf-8")
     names = [field.name for field in fields(HonestyLimits)]
     limits: dict[tuple[str, str], HonestyLimits] = {}
     for line in csv.DictReader(text.splitlines()):
         values = {name: float(line[name]) for name in names}
-        limits[line["set"], line["condition"]] = HonestyLimits(**values)
+        key = (line["set"], line["condition"])
+        limits[key] = HonestyLimits(**values)
     return limits

@@ -18,8 +18,9 @@ STATURE_M = 1.835
 def scaled_body(stature_m: float) -> BodyMeasures:
     """Return the default body measures, scaled to a person `stature_m` tall."""
     factor = stature_m / STATURE_M
-    defaults = BodyMeasures().model_dump()
-    measures = {name: value * factor for name, value in defaults.items()}
+    measures = BodyMeasures().model_dump()
+    for name in measures:
+        measures[name] *= factor
     return BodyMeasures.model_validate(measures)
 
 
@@ -30,7 +31,9 @@ def eye_height_m(body: BodyMeasures) -> float:
 
 def eye_finger_rays(orientations: Iterable[Quaternion], body: BodyMeasures) -> tuple[Array, Array]:
     """Return origins and directions (n x 3 each, {H}) of straight arms, whose x axes point to the finger."""
-    origins, directions = ArmRay(body).rays(np.array(list(orientations), dtype=np.float64).reshape(-1, 4))
+    quaternions = np.array(list(orientations), dtype=np.float64)
+    # reshaped, since no orientation at all makes an array of shape (0,)
+    origins, directions = ArmRay(body).rays(quaternions.reshape(-1, 4))
     if np.isnan(directions).any():
         raise ValueError("a finger at the eyes points nowhere")
     return origins, directions
@@ -40,4 +43,6 @@ def along(direction: Sequence[float]) -> Quaternion:
     """Return the orientation of an arm that points in `direction`, without roll."""
     x, y, z = direction
     arm: Vec3 = (float(x), float(y), float(z))
-    return rotation.from_azimuth_elevation(vector.azimuth(arm), vector.elevation(arm))
+    azimuth_rad = vector.azimuth(arm)
+    elevation_rad = vector.elevation(arm)
+    return rotation.from_azimuth_elevation(azimuth_rad, elevation_rad)

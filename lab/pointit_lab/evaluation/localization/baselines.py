@@ -39,25 +39,40 @@ def mean_angle(pointings: Pointings, x: float, y: float, z: float, yaw: float) -
     """Return the mean angle between the rays and the directions from a pose to the targets, rad."""
     cos_yaw = np.cos(yaw)
     sin_yaw = np.sin(yaw)
+
+    # from the eyes of this pose to the targets, in {H}
     away = pointings.targets_m - (x, y, z)
+    away_x = away[:, 0]
+    away_y = away[:, 1]
     seen = np.empty_like(away)
-    seen[:, 0] = cos_yaw * away[:, 0] + sin_yaw * away[:, 1]
-    seen[:, 1] = cos_yaw * away[:, 1] - sin_yaw * away[:, 0]
+    seen[:, 0] = cos_yaw * away_x + sin_yaw * away_y
+    seen[:, 1] = cos_yaw * away_y - sin_yaw * away_x
     seen[:, 2] = away[:, 2]
     seen -= pointings.origins_m
-    rays = pointings.directions
+
     # as |a x b|² = |a|² |b|² - (a·b)², and b is a unit vector
+    rays = pointings.directions
     ahead = np.einsum("ij,ij->i", seen, rays)
     square = np.einsum("ij,ij->i", seen, seen)
-    aside: Array = np.sqrt(np.maximum(0.0, square - ahead * ahead))
-    return float(np.mean(np.arctan2(aside, ahead)))
+    aside_square = np.maximum(0.0, square - ahead * ahead)
+    aside: Array = np.sqrt(aside_square)
+    angles_rad = np.arctan2(aside, ahead)
+    return float(np.mean(angles_rad))
 
 
 def _descended(pointings: Pointings, parameters: int) -> tuple[float, ...]:
+    """Return x, y, z if there are 4 `parameters`, and yaw with the least mean angle."""
+
     def cost(pose: Array) -> float:
-        z = float(pose[2]) if parameters == 4 else 0.0
-        return mean_angle(pointings, float(pose[0]), float(pose[1]), z, float(pose[-1]))
+        x, y, *_ = pose.tolist()
+        yaw = float(pose[-1])
+        z = 0.0
+        if parameters == 4:
+            z = float(pose[2])
+        return mean_angle(pointings, x, y, z, yaw)
 
     # a line search may fail at a kink of the angle; the best point so far is then the result
-    found = minimize(cost, np.zeros(parameters), method="BFGS")
-    return tuple(np.asarray(found.x, dtype=np.float64).tolist())
+    start = np.zeros(parameters)
+    result = minimize(cost, start, method="BFGS")
+    best = np.asarray(result.x, dtype=np.float64)
+    return tuple(best.tolist())

@@ -5,14 +5,15 @@ so their logarithms are averaged: the result is a geometric mean with a 95 % int
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
+from pointit_lab.evaluation.recordings.row import ALL, Row
 from pointit_lab.evaluation.selection.difference import Interval
 
 CONFIDENCE = 0.95
@@ -54,59 +55,62 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
         rows: of one set, with a row for each person.
         reference: the method with which others are compared, in the people that both have.
     """
-    # logarithms of the median errors of each person
-    medians: dict[tuple[str, str, str], dict[str, float]] = {}
-    for row in rows:
-        if row.subject == ALL:
-            continue
-        for unit, spread in (("m", row.position_m), ("°", row.angle_deg)):
-            if isinstance(spread, MetricSpread):
-                by_person = medians.setdefault((row.condition, row.solver, unit), {})
-                by_person[row.subject] = math.log(max(spread.median, MIN_P))
-
-    # differences of logarithms are ratios, within a person
+    medians = _log_medians(rows)
     over_people: list[OverPeople] = []
     for (condition, solver, unit), logs in medians.items():
         if len(logs) < MIN_PEOPLE:
             continue
+        person_logs = list(logs.values())
+        over = OverPeople(
+            condition=condition,
+            solver=solver,
+            people=len(logs),
+            unit=unit,
+            error=_interval(person_logs),
+            error_without_one=_without_one(person_logs),
+        )
+
+        # differences of logarithms are ratios, within a person
         reference_logs: dict[str, float] = {}
         if solver != reference:
             reference_logs = medians.get((condition, reference, unit), {})
         both = [person for person in logs if person in reference_logs]
         differences = [logs[person] - reference_logs[person] for person in both]
-        ratio = None
-        without_one = None
         if len(differences) >= MIN_PEOPLE:
             ratio = _interval(differences)
-            without_one = _without_one(differences)
-        person_logs = list(logs.values())
-        over_people.append(
-            OverPeople(
-                condition=condition,
-                solver=solver,
-                people=len(logs),
-                unit=unit,
-                error=_interval(person_logs),
-                error_without_one=_without_one(person_logs),
-                ratio=ratio,
-                without_one=without_one,
-            )
-        )
+            over = replace(over, ratio=ratio, without_one=_without_one(differences))
+        over_people.append(over)
     return over_people
+
+
+def _log_medians(rows: Iterable[Row]) -> dict[tuple[str, str, str], dict[str, float]]:
+    """Return the logarithms of each person's median error, by condition, solver and unit."""
+    medians = defaultdict[tuple[str, str, str], dict[str, float]](dict)
+    for row in rows:
+        if row.subject == ALL:
+            continue
+        for unit, spread in (("m", row.position_m), ("°", row.angle_deg)):
+            if spread is not None:
+                by_person = medians[row.condition, row.solver, unit]
+                by_person[row.subject] = math.log(max(spread.median, MIN_P))
+    return dict(medians)
 
 
 def _interval(logs: Sequence[float]) -> Interval:
     mean = float(np.mean(logs))
     count = len(logs)
-    quantile = stats.t.ppf(0.5 + CONFIDENCE / 2.0, count - 1)
-    reach = float(quantile * np.std(logs, ddof=1) / math.sqrt(count))
-    # of more than 700, the exponential overflows
+    upper = 0.5 + CONFIDENCE / 2.0
+    quantile = stats.t.ppf(upper, count - 1)
+    deviation = np.std(logs, ddof=1)
+    reach = float(quantile * deviation / math.sqrt(count))
+    # the exponential of more than 700 overflows
     high = math.exp(min(mean + reach, 700.0))
-    return Interval(value=math.exp(mean), low=math.exp(mean - reach), high=high)
+    low = math.exp(mean - reach)
+    return Interval(value=math.exp(mean), low=low, high=high)
 
 
 def _without_one(logs: Sequence[float]) -> tuple[float, float]:
     total = sum(logs)
-    count = len(logs)
-    means = [math.exp((total - own) / (count - 1)) for own in logs]
+    others = len(logs) - 1
+    means = [math.exp((total - own) / others) for own in logs]
     return min(means), max(means)

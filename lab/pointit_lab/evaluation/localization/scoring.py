@@ -1,8 +1,9 @@
 """From solved trials to rows of the table."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,22 +68,22 @@ class Outcome:
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     """Return a row for each set, condition, subject and solver, and for all subjects of a set together."""
-    groups: dict[tuple[str, str, str, str], list[Outcome]] = {}
+    groups = defaultdict[tuple[str, str, str, str], list[Outcome]](list)
     for outcome in outcomes:
         key = outcome.key
         for subject in (ALL, key.subject):
-            groups.setdefault((key.set, key.condition, subject, outcome.solver), []).append(outcome)
+            groups[key.set, key.condition, subject, outcome.solver].append(outcome)
     return arranged(_row(*names, group) for names, group in groups.items())
 
 
 def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
     """Return rows of people who follow a robot, over the starts of windows of several lengths."""
-    starts: dict[tuple[str, str, str], list[Outcome]] = {}
+    starts = defaultdict[tuple[str, str, str], list[Outcome]](list)
     for outcome in outcomes:
+        key = outcome.key
         if outcome.recording and outcome.taken_m is not None:
-            for subject in (ALL, outcome.key.subject):
-                names = (outcome.key.set, subject, outcome.solver)
-                starts.setdefault(names, []).append(outcome)
+            for subject in (ALL, key.subject):
+                starts[key.set, subject, outcome.solver].append(outcome)
     rows: list[Row] = []
     for names, group in starts.items():
         rows += _until_taken(*names, group)
@@ -92,13 +93,13 @@ def until_taken_rows(outcomes: Sequence[Outcome]) -> list[Row]:
 def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Iterator[Row]:
     """Yield the row over the starts from which there are windows of `LONG_S`; each counts once."""
     # length and error of the windows by their start
-    by_start: dict[tuple[str, float], list[tuple[float, float]]] = {}
+    by_start = defaultdict[tuple[str, float], list[tuple[float, float]]](list)
     for outcome in outcomes:
-        length_s = float(outcome.key.condition.split()[0])
-        taken_m = outcome.taken_m
-        if taken_m is not None:
-            start = (outcome.recording, outcome.start_s)
-            by_start.setdefault(start, []).append((length_s, taken_m))
+        if outcome.taken_m is None:
+            continue
+        seconds, *_ = outcome.key.condition.split()
+        window = (float(seconds), outcome.taken_m)
+        by_start[outcome.recording, outcome.start_s].append(window)
 
     # the shortest window that is taken; both are infinite if none is
     first_taken: list[tuple[float, float]] = []
@@ -111,71 +112,91 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
     if not first_taken:
         return
 
-    until_s = float(np.median([length_s for length_s, _ in first_taken]))
-    errors_m = [taken_m for _, taken_m in first_taken if math.isfinite(taken_m)]
-    share_taken = len(errors_m) / len(first_taken)
+    # the median is infinite if most are never taken
+    lengths_s = [length_s for length_s, _ in first_taken]
+    errors_m = _finite(taken_m for _, taken_m in first_taken)
+    until_s: float | None = float(np.median(lengths_s))
+    if not math.isfinite(until_s):
+        until_s = None
     yield Row(
         set=name,
         subject=subject,
         condition=UNTIL,
         solver=solver,
         n=len(first_taken),
-        taken=share_taken,
+        taken=len(errors_m) / len(first_taken),
         taken_m=MetricSpread.of(errors_m),
-        until_taken_s=until_s if math.isfinite(until_s) else None,
+        until_taken_s=until_s,
     )
 
 
 def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
     accepted = [outcome for outcome in outcomes if not outcome.refused]
     errors_m = np.array([outcome.position_m for outcome in accepted])
-    all_errors_m = np.array([outcome.position_m for outcome in outcomes])
-    yaw_errors_deg = np.array([outcome.yaw_deg for outcome in accepted])
-    known_yaws = np.isfinite(yaw_errors_deg)
-    is_wrong = errors_m > WRONG_M
-
-    # what the running localizer takes; infinite where it refuses
-    takes_m = np.array([outcome.taken_m for outcome in outcomes if outcome.taken_m is not None])
-    is_taken = np.isfinite(takes_m)
-    taken_m = takes_m[is_taken]
-
-    # what is stated: only of a solver that states a sigma of every pose
-    sigmas_m = np.array([outcome.position_sigma_m for outcome in accepted])
-    yaw_sigmas_deg = np.array([outcome.yaw_sigma_deg for outcome in accepted])
-    misled = None
-    within_2_sigma = None
-    yaw_within_2_sigma = None
-    unsure = None
-    if len(accepted) > 0 and bool(np.all(np.isfinite(sigmas_m))):
-        misleads = is_wrong & (sigmas_m < SURE_M)
-        misled = float(np.sum(misleads)) / len(accepted)
-        within_2_sigma = _share(errors_m <= 2.0 * sigmas_m)
-        unsure = sum(not outcome.is_sure for outcome in accepted)
-        if np.all(known_yaws):
-            yaw_within_2_sigma = _share(np.abs(yaw_errors_deg) <= 2.0 * yaw_sigmas_deg)
-
+    all_errors_m = _finite(outcome.position_m for outcome in outcomes)
+    yaw_errors_deg = _finite(outcome.yaw_deg for outcome in accepted)
     times_ms = _finite(outcome.solve_ms for outcome in outcomes)
     bounds_m = _finite(outcome.bound_m for outcome in accepted)
-    return Row(
+    bound_m = None
+    if bounds_m:
+        bound_m = float(np.median(bounds_m))
+    row = Row(
         set=name,
         subject=subject,
         condition=condition,
         solver=solver,
         n=len(outcomes),
         position_m=MetricSpread.of(errors_m),
-        every_m=MetricSpread.of(all_errors_m[np.isfinite(all_errors_m)]),
-        yaw_deg=MetricSpread.of(yaw_errors_deg[known_yaws]),
-        share_above_1m=_share(is_wrong),
-        misled=misled,
-        within_2_sigma=within_2_sigma,
-        yaw_within_2_sigma=yaw_within_2_sigma,
+        every_m=MetricSpread.of(all_errors_m),
+        yaw_deg=MetricSpread.of(yaw_errors_deg),
+        share_above_1m=_share(errors_m > WRONG_M),
         refused=len(outcomes) - len(accepted),
+        solve_ms=MetricSpread.of(times_ms),
+        bound_m=bound_m,
+    )
+    row = _with_taken(row, outcomes)
+
+    # what is stated: only of a solver that states a sigma of every pose
+    states_sigmas = all(math.isfinite(outcome.position_sigma_m) for outcome in accepted)
+    if accepted and states_sigmas:
+        return _with_sigmas(row, accepted)
+    return row
+
+
+def _with_taken(row: Row, outcomes: Sequence[Outcome]) -> Row:
+    """Return `row` with the figures of the poses that the running localizer takes."""
+    # infinite where it refuses
+    errors = [outcome.taken_m for outcome in outcomes if outcome.taken_m is not None]
+    errors_m = np.array(errors)
+    is_taken = np.isfinite(errors_m)
+    taken_m = errors_m[is_taken]
+    return replace(
+        row,
         taken=_share(is_taken),
         taken_m=MetricSpread.of(taken_m),
         taken_above_1m=_share(taken_m > WRONG_M),
-        unsure=unsure,
-        solve_ms=MetricSpread.of(times_ms),
-        bound_m=float(np.median(bounds_m)) if bounds_m else None,
+    )
+
+
+def _with_sigmas(row: Row, accepted: Sequence[Outcome]) -> Row:
+    """Return `row` with the figures of the stated standard deviations; `accepted` is not empty."""
+    errors_m = np.array([outcome.position_m for outcome in accepted])
+    sigmas_m = np.array([outcome.position_sigma_m for outcome in accepted])
+    misleads = (errors_m > WRONG_M) & (sigmas_m < SURE_M)
+
+    # of the yaw: only if the truth is known in all
+    yaw_errors_deg = np.array([outcome.yaw_deg for outcome in accepted])
+    yaw_sigmas_deg = np.array([outcome.yaw_sigma_deg for outcome in accepted])
+    yaw_within_2_sigma = None
+    if np.all(np.isfinite(yaw_errors_deg)):
+        within = np.abs(yaw_errors_deg) <= 2.0 * yaw_sigmas_deg
+        yaw_within_2_sigma = _share(within)
+    return replace(
+        row,
+        misled=_share(misleads),
+        within_2_sigma=_share(errors_m <= 2.0 * sigmas_m),
+        yaw_within_2_sigma=yaw_within_2_sigma,
+        unsure=sum(not outcome.is_sure for outcome in accepted),
     )
 
 

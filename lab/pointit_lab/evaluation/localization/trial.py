@@ -61,11 +61,17 @@ class FollowRecording:
         pointings = self.pointings
         stamps_s = pointings.stamps_s
         then_s = stamps_s - shift_s
-        after = np.clip(np.searchsorted(stamps_s, then_s), 1, len(stamps_s) - 1)
+
+        # only where the robot was observed: within the recording, and not in a gap
         within = (then_s >= stamps_s[0]) & (then_s <= stamps_s[-1])
-        within &= stamps_s[after] - stamps_s[after - 1] <= GAP_S
-        coordinates = [np.interp(then_s, stamps_s, pointings.targets_m[:, axis]) for axis in range(3)]
-        targets_m = np.stack(coordinates, axis=1)
+        after = np.searchsorted(stamps_s, then_s)
+        after = np.clip(after, 1, len(stamps_s) - 1)
+        intervals_s = stamps_s[after] - stamps_s[after - 1]
+        within &= intervals_s <= GAP_S
+
+        targets_m = np.empty(pointings.targets_m.shape)
+        for axis in range(3):
+            targets_m[:, axis] = np.interp(then_s, stamps_s, pointings.targets_m[:, axis])
         shifted_pointings = replace(pointings, targets_m=targets_m)
         return replace(self, pointings=shifted_pointings.only(within), heads_m=self.heads_m[within])
 
@@ -80,36 +86,41 @@ class FollowRecording:
             starts_s = _starts(stamps_s, length_s)
             starts_s = starts_s[starts_s < last_s + 1e-9]
             # samples are not evenly spaced: windows are found by time
-            begins, ends = np.searchsorted(stamps_s, (starts_s, starts_s + length_s))
-            for start_s, begin, end in zip(starts_s.tolist(), begins.tolist(), ends.tolist(), strict=True):
-                part = slice(begin, end)
-                if end - begin < 2:
-                    continue
-                head = self.heads_m[part].mean(axis=0)
-                window = Pointings(
-                    stamps_s[part],
-                    self.pointings.origins_m[part],
-                    self.pointings.directions[part],
-                    self.pointings.targets_m[part],
-                )
-                yield LocalizationTrial(
-                    set=self.set,
-                    subject=self.subject,
-                    condition=f"{length_s:g} s",
-                    pointings=window,
-                    eye_height_m=self.eye_height_m,
-                    x_m=float(head[0]),
-                    y_m=float(head[1]),
-                    yaw_rad=self.yaw_rad,
-                    recording=self.name,
-                    start_s=start_s,
-                )
+            firsts, ends = np.searchsorted(stamps_s, (starts_s, starts_s + length_s))
+            windows = zip(starts_s.tolist(), firsts.tolist(), ends.tolist(), strict=True)
+            for start_s, first, end in windows:
+                if end - first >= 2:
+                    yield self._window(slice(first, end), start_s=start_s, length_s=length_s)
+
+    def _window(self, part: slice, *, start_s: float, length_s: float) -> LocalizationTrial:
+        """Return the trial of the samples of `part`."""
+        head = self.heads_m[part].mean(axis=0)
+        window = Pointings(
+            self.pointings.stamps_s[part],
+            self.pointings.origins_m[part],
+            self.pointings.directions[part],
+            self.pointings.targets_m[part],
+        )
+        return LocalizationTrial(
+            set=self.set,
+            subject=self.subject,
+            condition=f"{length_s:g} s",
+            pointings=window,
+            eye_height_m=self.eye_height_m,
+            x_m=float(head[0]),
+            y_m=float(head[1]),
+            yaw_rad=self.yaw_rad,
+            recording=self.name,
+            start_s=start_s,
+        )
 
 
 def _starts(stamps_s: Array, length_s: float) -> Array:
     """Return the multiples of `STRIDE_S` at which a window of `length_s` with a sample can start."""
-    last = np.unique(np.floor(stamps_s / STRIDE_S))
-    back = np.arange(math.ceil(length_s / STRIDE_S) + 1)
+    strides = np.floor(stamps_s / STRIDE_S)
+    last = np.unique(strides)
+    longest = math.ceil(length_s / STRIDE_S)
+    back = np.arange(longest + 1)
     starts = np.unique(last[:, None] - back) * STRIDE_S
     return np.asarray(starts[starts >= 0.0], dtype=np.float64)
 
@@ -130,14 +141,11 @@ class TrialReading:
 
     def follow(self, path: Path, following: FollowRecording) -> None:
         """Add the trials of `following`, read from `path`, or a note if there are none."""
-        before = len(self.trials)
         following = replace(following, name=path.stem)
         self.followed.append(following)
-        self.trials.extend(following.trials())
-        if len(self.trials) == before:
+        trials = list(following.trials())
+        self.trials.extend(trials)
+        if not trials:
             length_s = float(following.pointings.stamps_s[-1])
-            samples = len(following.pointings)
-            self.skip(
-                path,
-                f"its {samples} different samples within {length_s:g} s fill no window of {min(WINDOWS_S)} s",
-            )
+            extent = f"{len(following.pointings)} different samples within {length_s:g} s"
+            self.skip(path, f"its {extent} fill no window of {min(WINDOWS_S)} s")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.geometry import vector
+from pointit.geometry.array_types import Array
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
 from pointit_lab.evaluation.pointing.drift_courses import EYE_M, HoldSequence
@@ -45,7 +46,8 @@ class DriftTrial:
 
     def error_rad(self, estimate: YawEstimate) -> float:
         """Return the error of a prediction."""
-        return math.remainder(estimate.yaw_rad - self.course.holds[self.told].yaw_rad, math.tau)
+        actual = self.course.holds[self.told]
+        return math.remainder(estimate.yaw_rad - actual.yaw_rad, math.tau)
 
 
 def predictable(
@@ -59,13 +61,15 @@ def predictable(
         known_s: time of the hold to predict.
     """
     trials: list[DriftTrial] = []
-    for holds in sequences:
-        known_holds = holds.nearest(known_s)
-        anchors = tuple(sorted({holds.nearest(at_s) for at_s in anchors_s}))
-        known_hold = holds.holds[known_holds]
-        away_s = known_hold.at_s - holds.holds[0].at_s - known_s
-        if anchors[-1] < known_holds and abs(away_s) <= 0.25 * known_s:
-            trials.append(DriftTrial(holds, anchors, known_holds))
+    for sequence in sequences:
+        predicted = sequence.nearest(known_s)
+        nearest = {sequence.nearest(at_s) for at_s in anchors_s}
+        anchors = tuple(sorted(nearest))
+        since_first_s = sequence.holds[predicted].at_s - sequence.holds[0].at_s
+        away_s = since_first_s - known_s
+        is_near = abs(away_s) <= 0.25 * known_s
+        if anchors[-1] < predicted and is_near:
+            trials.append(DriftTrial(sequence, anchors, predicted))
     return trials
 
 
@@ -80,7 +84,8 @@ def _raw(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEs
 
 def _re_anchored(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
     del known_holds
-    return YawEstimate(holds.holds[anchors[-1]].yaw_rad)
+    last = holds.holds[anchors[-1]]
+    return YawEstimate(last.yaw_rad)
 
 
 def _filter(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
@@ -109,7 +114,7 @@ def filtered(
         y_m=0.0,
         yaw_rad=first.yaw_rad,
         covariance=np.diag(sigmas) ** 2,
-        stamp_ns=round(first.at_s * NS_PER_S),
+        stamp_ns=_ns(first.at_s),
     )
     drift = DriftFilter(fix, settings)
     eyes_m = (0.0, 0.0, EYE_M)
@@ -117,22 +122,21 @@ def filtered(
     # what is known before the hold to predict: its own rest is not
     for number, hold in enumerate(holds.holds[:known_holds]):
         if number in anchors[1:]:
-            at_ns = round(hold.at_s * NS_PER_S)
             drift.update_anchor(
-                at_ns,
-                hold.target_m,
-                eyes_m,
-                hold.direction_h,
-                spread_rad=hold.spread_rad,
+                _ns(hold.at_s), hold.target_m, eyes_m, hold.direction_h, spread_rad=hold.spread_rad
             )
         rest = hold.rest
         if rests and rest is not None:
             drift.update_rest_rate(
                 rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
             )
-    predicted_s = holds.holds[known_holds].at_s
-    pose: DriftPose = drift.predict(round(predicted_s * NS_PER_S))
+    predicted = holds.holds[known_holds]
+    pose: DriftPose = drift.predict(_ns(predicted.at_s))
     return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)
+
+
+def _ns(at_s: float) -> int:
+    return round(at_s * NS_PER_S)
 
 
 SOLVERS: dict[str, Solver] = {
@@ -159,27 +163,47 @@ def ratios(
         return None
     # absolute errors, 2 x people x their trials, filled up with NaN
     sizes = np.abs(np.array([errors, plain], dtype=np.float64))
-    trials = [np.flatnonzero(np.array(people) == name) for name in names]
-    most_trials = max(map(len, trials))
-    grid = np.full((2, len(names), most_trials), np.nan)
-    for row, own_trials in enumerate(trials):
-        grid[:, row, : len(own_trials)] = sizes[:, own_trials]
+    grid = _by_person(sizes, people)
 
     # whole people are drawn: the trials of one are not independent
-    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLED, len(names)))
-    resampled = np.sort(grid[:, drawn].reshape(2, RESAMPLED, -1))  # nan last
-    last = np.isfinite(resampled).sum(axis=2, keepdims=True) - 1
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(len(names), size=(RESAMPLED, len(names)))
+    samples = grid[:, drawn].reshape(2, RESAMPLED, -1)
+    resampled = np.sort(samples)  # nan last
 
     # quantiles of the drawn people, each with their own number of trials
     intervals: list[Interval] = []
     for share in (0.5, 0.9):
         ours, others = np.quantile(sizes, share, axis=1)
-        below, rest = np.divmod(share * last, 1.0)  # as `np.nanquantile` does, which takes a row at a time
-        lower_index = np.minimum(below.astype(np.int64), last)
-        upper_index = np.minimum(below.astype(np.int64) + 1, last)
-        lower = np.take_along_axis(resampled, lower_index, axis=2)[:, :, 0]
-        upper = np.take_along_axis(resampled, upper_index, axis=2)[:, :, 0]
-        quantiles = lower + rest[:, :, 0] * (upper - lower)
-        low, high = np.quantile(quantiles[0] / quantiles[1], (0.025, 0.975))
-        intervals.append(Interval(value=float(ours / others), low=float(low), high=float(high)))
+        our_quantiles, other_quantiles = _quantiles(resampled, share)
+        low, high = np.quantile(our_quantiles / other_quantiles, (0.025, 0.975))
+        interval = Interval(value=float(ours / others), low=float(low), high=float(high))
+        intervals.append(interval)
     return intervals[0], intervals[1]
+
+
+def _by_person(sizes: Array, people: Sequence[str]) -> Array:
+    """Return `sizes` (2 x n) as 2 x people x most trials of one, filled up with NaN."""
+    names = dict.fromkeys(people)
+    own_trials = [np.flatnonzero(np.array(people) == name) for name in names]
+    most_trials = max(map(len, own_trials))
+    grid = np.full((2, len(names), most_trials), np.nan)
+    for person, trials in enumerate(own_trials):
+        grid[:, person, : len(trials)] = sizes[:, trials]
+    return grid
+
+
+def _quantiles(values: Array, share: float) -> Array:
+    """Return the quantile of each row (2 x m) of `values` (2 x m x n, sorted, NaN last) by interpolation.
+
+    `np.nanquantile` does the same, but takes a row at a time.
+    """
+    last = np.isfinite(values).sum(axis=2, keepdims=True) - 1
+    below, rest = np.divmod(share * last, 1.0)
+    index = below.astype(np.int64)
+    lower_index = np.minimum(index, last)
+    upper_index = np.minimum(index + 1, last)
+    lower = np.take_along_axis(values, lower_index, axis=2)
+    upper = np.take_along_axis(values, upper_index, axis=2)
+    quantiles = lower + rest * (upper - lower)
+    return quantiles[:, :, 0]

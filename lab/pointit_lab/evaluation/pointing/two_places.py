@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry import vector
 from pointit.scan.by_pointing import TargetRay
 from pointit.scan.paced import FIRST, SECOND, PacedRoom, locate_paced, paced_ray
 from pointit.services.user_sim.body import OpenLoopError
@@ -67,9 +68,12 @@ def room_of_lamps(rng: np.random.Generator) -> Array:
         azimuth = math.radians(float(rng.uniform(-70.0, 70.0)))
         distance_m = float(rng.uniform(2.0, 4.5))
         height_m = float(rng.uniform(0.5, 2.3))
-        lamp = [distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), height_m]
+        x_m = distance_m * math.cos(azimuth)
+        y_m = distance_m * math.sin(azimuth)
+        lamp = [x_m, y_m, height_m]
         seen = angles(np.array([*lamps, lamp]), (0.0, 0.0, EYES_M))
-        if all(np.hypot(*(other - seen[-1])) > MIN_APART_RAD for other in seen[:-1]):
+        aside_rad = [np.hypot(*(other - seen[-1])) for other in seen[:-1]]
+        if all(angle > MIN_APART_RAD for angle in aside_rad):
             lamps.append(lamp)
     return np.array(lamps)
 
@@ -78,14 +82,15 @@ def run(seed: int, skill: float | None) -> Result:
     """Return the result of one person in one room; `skill` as of `user-sim`, None: random."""
     # the person, the IMU and the way to the second place, drawn in this order
     rng = np.random.default_rng(seed)
-    own_skill = float(rng.random()) if skill is None else skill
+    if skill is None:
+        skill = float(rng.random())
     lamps_m = room_of_lamps(rng)
-    error = OpenLoopError(AimConfig(), own_skill, rng)
+    error = OpenLoopError(AimConfig(), skill, rng)
     drift_degps = WristbandConfig().yaw_rate_bias_sd_degps * float(rng.standard_normal())
     drift_radps = math.radians(drift_degps)
-    eyes_m = EYES_M + EYES_SIGMA_M * float(rng.standard_normal())
-    walk_m = WALK_M + WALK_SIGMA_M * float(rng.standard_normal())
-    walk_rad = math.pi / 2.0 + WALK_AZIMUTH_SIGMA_RAD * float(rng.standard_normal())
+    eyes_m = _drawn(EYES_M, EYES_SIGMA_M, rng)
+    walk_m = _drawn(WALK_M, WALK_SIGMA_M, rng)
+    walk_rad = _drawn(math.pi / 2.0, WALK_AZIMUTH_SIGMA_RAD, rng)
     second_m = (walk_m * math.cos(walk_rad), walk_m * math.sin(walk_rad))
 
     # a press at each lamp from both places, while the yaw drifts
@@ -93,19 +98,25 @@ def run(seed: int, skill: float | None) -> Result:
     time_s = 0.0
     for place, place_m in ((FIRST, (0.0, 0.0)), (SECOND, second_m)):
         seen = angles(lamps_m, (*place_m, eyes_m))
-        for index, lamp in enumerate(seen.tolist()):
-            amplitude = np.hypot(*(seen[index] - seen[index - 1]))
-            error.draw(float(amplitude))
-            azimuth = lamp[0] + error.now_rad[0] + drift_radps * time_s
-            elevation = lamp[1] + error.now_rad[1]
-            level = math.cos(elevation)
-            x = level * math.cos(azimuth)
-            y = level * math.sin(azimuth)
-            direction = (x, y, math.sin(elevation))
+        for index, lamp in enumerate(seen):
+            aim = _aim(error, lamp, seen[index - 1])
+            azimuth = float(aim[0]) + drift_radps * time_s
+            direction = vector.direction(azimuth, float(aim[1]))
             rays.append(paced_ray(str(index), place, (0.0, 0.0, EYES_M), direction))
             time_s += SECONDS_A_PRESS
         time_s += WALK_S
     return judged(locate_paced(rays), lamps_m, second_m, eyes_m, error, rng)
+
+
+def _drawn(mean: float, sigma: float, rng: np.random.Generator) -> float:
+    return mean + sigma * float(rng.standard_normal())
+
+
+def _aim(error: OpenLoopError, lamp: Array, previous: Array) -> Array:
+    """Return azimuth and elevation of an arm that reached from `previous` for `lamp` (2 each)."""
+    amplitude = np.hypot(*(lamp - previous))
+    error.draw(float(amplitude))
+    return lamp + np.array(error.now_rad)
 
 
 def judged(  # noqa: PLR0917 - the truth, and what is known of it
@@ -118,18 +129,22 @@ def judged(  # noqa: PLR0917 - the truth, and what is known of it
 ) -> Result:
     """Return errors and selections in the map `room` of the lamps at `lamps_m`."""
     result = Result(errors_deg=[])
-    mapped_m = np.array([room.targets[str(index)].position_m for index in range(len(lamps_m))])
+    positions_m = [room.targets[str(index)].position_m for index in range(len(lamps_m))]
+    mapped_m = np.array(positions_m)
     mapped_second_m = np.array(room.places_m[1])
+    # people point with their bias later, too
+    bias = np.array([0.0, error.bias_rad])
     for share in (0.0, 1.0, 0.5):
         x_m = share * second_m[0]
         y_m = share * second_m[1]
         seen = angles(lamps_m, (x_m, y_m, eyes_m))
-        mapped = angles(mapped_m, (*(share * mapped_second_m), EYES_M))
-        # people point with their bias later, too
-        bias = np.array([0.0, error.bias_rad])
+        mapped_place_m = share * mapped_second_m
+        mapped = angles(mapped_m, (*mapped_place_m, EYES_M))
+
+        # errors of directions, once the heading is found again by pointing at a lamp
         off = mapped - seen - bias
-        off[:, 0] = np.remainder(off[:, 0] + math.pi, math.tau) - math.pi
-        heading = float(np.median(off[:, 0]))  # found again by pointing at a lamp
+        off[:, 0] = _wrapped(off[:, 0])
+        heading = float(np.median(off[:, 0]))
         off[:, 0] -= heading
         sideways = off[:, 0] * np.cos(seen[:, 1])
         errors_deg = np.degrees(np.hypot(sideways, off[:, 1]))
@@ -138,14 +153,17 @@ def judged(  # noqa: PLR0917 - the truth, and what is known of it
     return result
 
 
+def _wrapped(angles_rad: Array) -> Array:
+    """Return angles from -π to π."""
+    return np.remainder(angles_rad + math.pi, math.tau) - math.pi
+
+
 def _select(
     result: Result, seen: Array, mapped: Array, error: OpenLoopError, rng: np.random.Generator
 ) -> None:
     """Select each lamp: the person presses when they hear or see that theirs is meant."""
     for index, lamp in enumerate(seen):
-        amplitude = np.hypot(*(lamp - seen[index - 1]))
-        error.draw(float(amplitude))
-        aim = lamp + np.array(error.now_rad)
+        aim = _aim(error, lamp, seen[index - 1])
         result.tries += 1
         for _ in range(MAX_CORRECTIONS + 1):
             away = np.hypot(*(mapped - aim).T)
@@ -158,7 +176,10 @@ def _select(
                 result.wrong += meant != index
                 break
             # the name of another lamp says which way to go, silence lets them look for the lamp's own light
-            step = lamp - seen[meant] if is_captured else mapped[index] - aim
+            if is_captured:
+                step = lamp - seen[meant]
+            else:
+                step = mapped[index] - aim
             aim = aim + step + CORRECTED_SIGMA_RAD * rng.standard_normal(2)
 
 
@@ -166,17 +187,21 @@ def main() -> None:
     """Print the figures for random people, and for those without any practice."""
     for name, skill in (("random skill", None), ("no practice", 0.0)):
         results = [run(seed, skill) for seed in SEEDS]
-        errors = np.array([result.errors_deg for result in results])
         tries = sum(result.tries for result in results)
         confirmed = sum(result.confirmed for result in results)
         wrong = sum(result.wrong for result in results)
-        parts = []
+        presses = max(confirmed + wrong, 1)
+        right = 100.0 * confirmed / presses
+
+        # errors of all lamps and people, by place
+        errors = np.array([result.errors_deg for result in results])
+        parts: list[str] = []
         for index, place in enumerate(("A", "B", "between")):
             median, most = np.percentile(errors[:, index], (50, 90))
             parts.append(f"{place} {median:.1f}° (90 %: {most:.1f}°)")
-        right = 100.0 * confirmed / max(confirmed + wrong, 1)
+        directions = ", ".join(parts)
         sys.stdout.write(
-            f"{name}: {len(results)} people, {LAMPS} lamps: {', '.join(parts)}; {tries} selections, "
+            f"{name}: {len(results)} people, {LAMPS} lamps: {directions}; {tries} selections, "
             f"{confirmed} right, {wrong} acts on another lamp, {right:.1f} % of the confirmed right\n"
         )
 

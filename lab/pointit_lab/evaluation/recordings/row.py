@@ -29,11 +29,10 @@ class MetricSpread:
         sizes = np.abs(np.array(list(values), dtype=np.float64))
         if not len(sizes):
             return None
-        return cls(
-            median=float(np.median(sizes)),
-            p90=float(np.quantile(sizes, 0.9)),
-            rms=math.sqrt(float(np.mean(sizes * sizes))),
-        )
+        median = float(np.median(sizes))
+        p90 = float(np.quantile(sizes, 0.9))
+        mean_square = float(np.mean(sizes * sizes))
+        return cls(median=median, p90=p90, rms=math.sqrt(mean_square))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +100,8 @@ def arranged(rows: Iterable[Row]) -> list[Row]:
 
 def _ranks(names: Iterable[Name]) -> dict[Name, int]:
     """Return the rank of each of `names` by its first appearance."""
-    return {name: rank for rank, name in enumerate(dict.fromkeys(names))}
+    distinct = dict.fromkeys(names)
+    return {name: rank for rank, name in enumerate(distinct)}
 
 
 def document(rows: Sequence[Row]) -> dict[str, Any]:

@@ -50,23 +50,25 @@ def conditions(benches: Sequence[str] = ()) -> list[Condition]:
 
 def _lab() -> list[Condition]:
     """Return the conditions of the recordings: standing packages by number, moving ones by speed."""
-
-    def condition(motion: str, level: int, *, speed_mps: float, packages: int, targets: int) -> Condition:
-        return Condition(
-            bench=LAB,
-            name=lab_condition(motion, level, speed_mps),
-            speed_mps=speed_mps,
-            packages=packages,
-            targets=targets,
-            spacing_m=RING_M / packages,
-        )
-
     conditions: list[Condition] = []
     for level in (1, 2, 3):
-        conditions.append(condition("static", level, speed_mps=0.0, packages=3 * level, targets=level))
+        static = _lab_condition("static", level, speed_mps=0.0, packages=3 * level, targets=level)
+        conditions.append(static)
     for level, speed_mps in enumerate(LAB_SPEEDS_MPS, start=1):
-        conditions.append(condition("moving", level, speed_mps=speed_mps, packages=9, targets=3))
+        moving = _lab_condition("moving", level, speed_mps=speed_mps, packages=9, targets=3)
+        conditions.append(moving)
     return conditions
+
+
+def _lab_condition(motion: str, level: int, *, speed_mps: float, packages: int, targets: int) -> Condition:
+    return Condition(
+        bench=LAB,
+        name=lab_condition(motion, level, speed_mps),
+        speed_mps=speed_mps,
+        packages=packages,
+        targets=targets,
+        spacing_m=RING_M / packages,
+    )
 
 
 def _conveyor() -> list[Condition]:

@@ -2,11 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.state_file import replaced_file
 from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Value = Callable[[SelectionMetrics], float | None]
 
@@ -36,7 +40,8 @@ def check_plot(path: Path) -> None:
         raise ConfigError(f"--plot {path}: needs matplotlib; run {remedy('plot')}") from error
     suffixes = FigureCanvasAgg.get_supported_filetypes()
     if path.suffix.removeprefix(".") not in suffixes:
-        raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(suffixes))}")
+        endings = ", ".join(sorted(suffixes))
+        raise ConfigError(f"--plot {path}: the name must end in one of {endings}")
 
 
 def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
@@ -54,32 +59,35 @@ def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
     all_axes = figure.subplots(len(benches), len(PANELS), squeeze=False)
     for bench, axes in zip(benches, all_axes, strict=True):
         bench_rows = [row for row in rows if row.bench == bench]
-        names = list(dict.fromkeys(row.condition for row in bench_rows))
-        methods = dict.fromkeys(row.method for row in bench_rows)
         for axis, (title, value) in zip(axes, PANELS, strict=True):
-            # methods, in the colours of the legend
-            for index, method in enumerate(methods):
-                method_rows = [row for row in bench_rows if row.method == method]
-                method_values = {row.condition: value(row.figures) for row in method_rows}
-                axis.plot(
-                    range(len(names)),
-                    _heights(method_values, names),
-                    color=COLORS[index % len(COLORS)],
-                    marker=MARKS[index % len(MARKS)],
-                    label=method,
-                )
-
-            # people, where there are recordings of the condition
-            people_rows = [row for row in bench_rows if "pointing" in row.human]
-            people = {row.condition: value(row.human["pointing"]) for row in people_rows}
-            if people:
-                axis.plot(range(len(names)), _heights(people, names), "k*--", label="people")
             axis.set_title(f"{bench}: {title}")
-            axis.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
-            axis.set_ylim(bottom=0.0)
+            _draw_panel(axis, bench_rows, value)
     all_axes[0][0].legend(fontsize=7)
     with replaced_file(path) as part:
         figure.savefig(part)
+
+
+def _draw_panel(axis: "Axes", rows: Sequence[SelectionTrialRow], value: Value) -> None:
+    """Draw the `value` of the rows of a bench into its panel."""
+    names = list(dict.fromkeys(row.condition for row in rows))
+    ticks = range(len(names))
+
+    # methods, in the colours of the legend
+    methods = dict.fromkeys(row.method for row in rows)
+    for index, method in enumerate(methods):
+        own_rows = [row for row in rows if row.method == method]
+        values = {row.condition: value(row.figures) for row in own_rows}
+        color = COLORS[index % len(COLORS)]
+        mark = MARKS[index % len(MARKS)]
+        axis.plot(ticks, _heights(values, names), color=color, marker=mark, label=method)
+
+    # people, where there are recordings of the condition
+    people_rows = [row for row in rows if "pointing" in row.human]
+    people = {row.condition: value(row.human["pointing"]) for row in people_rows}
+    if people:
+        axis.plot(ticks, _heights(people, names), "k*--", label="people")
+    axis.set_xticks(ticks, names, rotation=40, ha="right", fontsize=7)
+    axis.set_ylim(bottom=0.0)
 
 
 def _heights(values: Mapping[str, float | None], names: Sequence[str]) -> list[float]:

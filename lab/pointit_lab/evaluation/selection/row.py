@@ -21,7 +21,9 @@ class TimeSpread:
         values = np.array(list(times_s), dtype=np.float64)
         if not len(values):
             return None
-        return cls(median=float(np.median(values)), p90=float(np.quantile(values, 0.9)))
+        median = float(np.median(values))
+        p90 = float(np.quantile(values, 0.9))
+        return cls(median=median, p90=p90)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,13 +60,12 @@ class SelectionTrialRow:
 
     def as_json(self) -> dict[str, Any]:
         """Return it as it stands in a JSON file."""
-        figures = self.figures.as_json()
         human = {device: metrics.as_json() for device, metrics in self.human.items()}
         return {
             "bench": self.bench,
             "condition": self.condition,
             "method": self.method,
-            **figures,
+            **self.figures.as_json(),
             "human": human,
         }
 
@@ -102,15 +103,18 @@ def figures_of(scores: Sequence[Score], *, per_package: bool) -> SelectionMetric
     toggles = sum(score.toggles for score in scores)
     wrong_rate = None
     if toggles:
-        wrong_rate = sum(score.wrong for score in scores) / toggles
+        wrong = sum(score.wrong for score in scores)
+        wrong_rate = wrong / toggles
     missed_rate = None
     if targets:
-        missed_rate = sum(score.missed for score in scores) / targets
+        missed = sum(score.missed for score in scores)
+        missed_rate = missed / targets
     times_s = chain.from_iterable(score.took_s for score in scores)
+    intervals_s = _intervals_s(scores)
     return SelectionMetrics(
         n=targets if per_package else len(scores),
         time_s=TimeSpread.of(times_s),
-        between_s=TimeSpread.of(_intervals_s(scores)),
+        between_s=TimeSpread.of(intervals_s),
         wrong_rate=wrong_rate,
         missed_rate=missed_rate,
     )

@@ -72,14 +72,18 @@ class TrialSetup:
 def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
     """Return the setup of `condition` with packages and people drawn from `entropy`."""
     rng = np.random.default_rng([*entropy, 1])
-    return _lab(condition, rng) if condition.bench == LAB else _conveyor(condition, rng)
+    if condition.bench == LAB:
+        return _lab(condition, rng)
+    return _conveyor(condition, rng)
 
 
 def kinds_of(condition: Condition, rng: np.random.Generator) -> list[str]:
     """Return the kinds of its packages, with targets at random positions."""
     others = condition.packages - condition.targets
-    kinds = [TARGET] * condition.targets + [OTHER] * others
-    return [kinds[index] for index in rng.permutation(len(kinds))]
+    target_kinds = [TARGET] * condition.targets
+    kinds = target_kinds + [OTHER] * others
+    order = rng.permutation(len(kinds))
+    return [kinds[index] for index in order]
 
 
 @lru_cache(maxsize=4)
@@ -95,24 +99,26 @@ def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     # people know that packages come back: the last strip leads to the first
     ids = [strip.id for strip in environment.strips]
     next_ids = [*ids[1:], ids[0]]
-    ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, next_ids, strict=True))
+    neighbours = zip(ids, next_ids, strict=True)
+    ring = tuple(BeltLink(source=strip, target=following) for strip, following in neighbours)
     environment = environment.model_copy(update={"links": ring})
 
     # deviations are such that neighbours stay `LAB_MIN_M` apart
     pitch_m = RING_M / condition.packages
     loose_m = (pitch_m - LAB_MIN_M) / 2.0
-    positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
-    positions_m = positions_m + rng.uniform(-loose_m, loose_m, condition.packages)
+    even_m = (np.arange(condition.packages) + 0.5) * pitch_m
+    deviations_m = rng.uniform(-loose_m, loose_m, condition.packages)
+    carousel = Carousel(
+        environment,
+        even_m + deviations_m,
+        kinds_of(condition, rng),
+        length_m=LAB_LENGTH_M,
+        speed_mps=condition.speed_mps,
+        start_ns=START_NS,
+    )
     return TrialSetup(
         environment=environment,
-        movers=Carousel(
-            environment,
-            positions_m,
-            kinds_of(condition, rng),
-            length_m=LAB_LENGTH_M,
-            speed_mps=condition.speed_mps,
-            start_ns=START_NS,
-        ),
+        movers=carousel,
         people=[person(0, (2.0, 0.5, 0.0), TARGET)],
         surfaces=surfaces,
         packages=condition.packages,
@@ -124,9 +130,10 @@ def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     """Return the paper's demonstrator, fed at one entry; selected packages leave at bay 1."""
     environment, surfaces = room("conveyor", "belt")
     interval_s = condition.spacing_m / condition.speed_mps
+    kinds = kinds_of(condition, rng)
     feeder = NamedFeederConfig(
         belt=ENTRY,
-        sequence=tuple(kinds_of(condition, rng)),
+        sequence=tuple(kinds),
         min_interval_s=interval_s,
         max_interval_s=interval_s,
         length_m=LENGTH_M,
@@ -134,9 +141,11 @@ def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     )
     # time for the last package to be fed, and to leave after the longest way
     feeding_s = condition.packages * interval_s
-    way_m = sum(Polyline(belt.line_m).length_m for belt in environment.belts)
-    passage_s = way_m / condition.speed_mps
-    people = [person(index, PLACES_M[index], TARGET) for index in range(condition.users)]
+    lengths_m = [Polyline(belt.line_m).length_m for belt in environment.belts]
+    passage_s = sum(lengths_m) / condition.speed_mps
+    people: list[TrialPerson] = []
+    for index in range(condition.users):
+        people.append(person(index, PLACES_M[index], TARGET))
     return TrialSetup(
         environment=environment,
         movers=_plant(environment, condition, {"entry": feeder}, rng),
@@ -154,7 +163,8 @@ def _plant(
     rng: np.random.Generator,
 ) -> Plant:
     config = ConveyorSimConfig(speed_mps=condition.speed_mps, feeders=feeders)
-    return Plant(environment, config, seed=int(rng.integers(2**31)), start_ns=START_NS)
+    seed = int(rng.integers(2**31))
+    return Plant(environment, config, seed=seed, start_ns=START_NS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,16 +190,18 @@ def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = 
         decide_per_bit_s=model.decide_per_bit_s,
         lapse_share=model.lapse_share,
     )
+    aim = AimConfig(skill=model.skill)
     config = UserSimConfig(
         position_m=position_m,
         yaw_deg=YAW_DEG,
         target_kinds=(target_kind,),
         think_s=0.0,
-        aim=AimConfig(skill=model.skill),
+        aim=aim,
         mind=mind,
     )
     # cursors of several people differ
     color = COLORS[index % len(COLORS)]
     pattern = PATTERNS[index % len(PATTERNS)]
     profile = UserProfile(stamp_ns=0, cursor_color=color, pattern=pattern)
-    return TrialPerson(name=f"person-{index + 1}", config=config, profile=profile)
+    name = f"person-{index + 1}"
+    return TrialPerson(name=name, config=config, profile=profile)

@@ -44,7 +44,8 @@ class LoadCounts(click.ParamType[tuple[int, ...]]):
         """Return the numbers in `value`."""
         numbers: list[int] = []
         for part in str(value).split(","):
-            if not part.strip().isdecimal() or not 1 <= int(part) <= self._max_count:
+            is_number = part.strip().isdecimal()
+            if not is_number or not 1 <= int(part) <= self._max_count:
                 self.fail(f"{part!r} is not a whole number from 1 to {self._max_count}", param, ctx)
             numbers.append(int(part))
         return tuple(numbers)
@@ -154,7 +155,8 @@ def command(
     quiet()
     context = click.get_current_context()
     credentials = given_credentials()
-    is_own = credentials is None and context.get_parameter_source("connect") is ParameterSource.DEFAULT
+    is_default = context.get_parameter_source("connect") is ParameterSource.DEFAULT
+    is_own = credentials is None and is_default
     if credentials is not None:
         os.environ[CREDENTIALS] = str(credentials.folder)  # for the processes
 
@@ -170,7 +172,8 @@ def command(
             "--hosts makes a site and processes of its own; leave out --layout, --connect and --credentials"
         )
     if is_own:  # its services must not store their state among that of this machine's user
-        os.environ[VARIABLE] = context.with_resource(tempfile.TemporaryDirectory(prefix="pointit-load-"))
+        folder = tempfile.TemporaryDirectory(prefix="pointit-load-")
+        os.environ[VARIABLE] = context.with_resource(folder)
 
     # One load for each number of hosts: 0 simulates none.
     loads: list[Load] = []
@@ -178,17 +181,19 @@ def command(
     for host_count in hosts or (0,):
         needs_router = secured or host_count > 0
         default_router: Program | None = "pointit" if needs_router else None
+        own_router = router or default_router
+        own_routers = routers or host_count
         load = Load(
             rate_hz=rate_hz,
             duration_s=duration_s,
             layout=layout,
             shards=shards,
-            router=router or default_router,
+            router=own_router,
             secured=secured,
             site=site,
             connect=endpoints,
             hosts=host_count,
-            routers=routers or host_count,
+            routers=own_routers,
             fan=fan,
             central=central,
         )
@@ -212,8 +217,9 @@ def command(
 
 
 def _document(results: Sequence[LoadResult], searches: Sequence[CapacitySearch]) -> dict[str, Any]:
-    document: dict[str, Any] = {"measured": [result.record() for result in results]}
-    document["slopes"] = [part.record() for part in slopes(results)]
+    measured = [result.record() for result in results]
+    part_slopes = [part.record() for part in slopes(results)]
+    document: dict[str, Any] = {"measured": measured, "slopes": part_slopes}
     if searches:
         document["limit"] = searches[-1].carried
     return document
@@ -230,8 +236,7 @@ def _exit_code(results: Sequence[LoadResult], searches: Sequence[CapacitySearch]
 
 def _sections(results: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> list[OutputSection]:
     first = results[0]
-    rate = f"{first.rate_hz:g} Hz each"
-    about = f"{rate} for {first.duration_s:g} s, {first.layout}"
+    about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
     rows = tuple(result.row() for result in results)
     sections = [OutputSection(name="load", about=about, rows=rows, roomy=roomy)]
@@ -265,8 +270,10 @@ async def _run(
         if searches is not None:
             search = CapacitySearch(FIRST, MAX_USERS)
             searches.append(search)
-        for count in users if search is None else search.counts():
-            _show_progress(f"{count} people at {load.rate_hz:g} Hz, {load.name}: starting …")
+        counts = users if search is None else search.counts()
+        for count in counts:
+            load_text = f"{count} people at {load.rate_hz:g} Hz, {load.name}"
+            _show_progress(f"{load_text}: starting …")
             result = await measure(load, count, _show_progress)
             results.append(result)
             _show_progress(f"  {_summary(result)}")
@@ -281,8 +288,10 @@ def _summary(result: LoadResult) -> str:
     row = result.row()
     latency = f"p50 {row['light_p50_ms']} ms, p99 {row['light_p99_ms']} ms"
     drops = f"drops {row['drops_percent']} %"
-    usage = f"CPU {row['cpu_percent']} %, {row['memory_mb']} MB, load {row['load']}"
-    return f"{latency}, {drops}, {usage}: {result.failure or 'carried'}"
+    cpu = f"CPU {row['cpu_percent']} %"
+    usage = f"{cpu}, {row['memory_mb']} MB, load {row['load']}"
+    outcome = result.failure or "carried"
+    return f"{latency}, {drops}, {usage}: {outcome}"
 
 
 def _show_progress(text: str) -> None:

@@ -60,16 +60,17 @@ class HostsTest:
             ConfigError: If a process ended, or they were not ready in time.
         """
         for index, groups in self._groups.items():
+            place = self._network.arguments(index)
             for group in groups:
-                place = self._network.arguments(index)
-                self._workers.append(await Worker.start(group, site, self._network.endpoint(index), place))
+                endpoint = self._network.endpoint(index)
+                worker = await Worker.start(group, site, endpoint, place)
+                self._workers.append(worker)
         try:
             async with asyncio.timeout(READY_S):
                 await self._order({})
         except TimeoutError:
-            raise ConfigError(
-                f"the hosts were not ready within {READY_S:g} s; try fewer --users or --hosts"
-            ) from None
+            problem = f"the hosts were not ready within {READY_S:g} s"
+            raise ConfigError(f"{problem}; try fewer --users or --hosts") from None
 
     async def until_carried(self, rate_hz: float, duration_s: float) -> None:
         """Drive all wrists until cursors follow at each host, and light at the site.
@@ -77,13 +78,14 @@ class HostsTest:
         Raises:
             ConfigError: If that exceeds `READY_S`.
         """
+        order = {"rate_hz": rate_hz, "duration_s": duration_s}
+        is_carried = False
         try:
             async with asyncio.timeout(READY_S):
-                while True:
-                    answers = await self._order({"rate_hz": rate_hz, "duration_s": duration_s})
+                while not is_carried:
+                    answers = await self._order(order)
                     pairs = zip(self._workers, answers, strict=True)
-                    if all(_has_seen_all(worker.group, answer["sight"]) for worker, answer in pairs):
-                        return
+                    is_carried = all(_has_seen_all(worker.group, answer["sight"]) for worker, answer in pairs)
         except TimeoutError:
             raise ConfigError(f"no light followed any sample within {READY_S:g} s") from None
 
@@ -97,35 +99,28 @@ class HostsTest:
         order = {"rate_hz": rate_hz, "duration_s": duration_s}
         before = self._used()
         answers, after = await asyncio.gather(self._order(order), self._used_in(duration_s))
-        lasted_s = after.at_s - before.at_s
-
-        # A worker measures its own time: it starts and ends a little later than this process.
-        processes: list[Usage] = []
-        for worker, answer in zip(self._workers, answers, strict=True):
-            cpu = answer["cpu_s"] / answer["lasted_s"]
-            processes.append(Usage(name=worker.group.name, cpu=cpu, memory_mb=answer["memory_mb"]))
-        for index, router in after.routers.items():
-            cpu = (router.cpu_s - before.routers[index].cpu_s) / lasted_s
-            name = f"router {self._network.machines[index].name}"
-            processes.append(Usage(name=name, cpu=cpu, memory_mb=router.memory_mb))
+        processes = self._processes(answers, before, after)
         load_average = round(os.getloadavg()[0], 1)
-
         sight = LoadTestReceiver(frozenset())
         for answer in answers:
             sight.add(answer["sight"])
 
         # Counting the messages costs CPU, so it comes after everything that is measured.
         contents = await self._contents(rate_hz)
+        lasted_s = after.at_s - before.at_s
         links: list[LinkUsage] = []
         for index, traffic in before.traffic.items():
-            links.append(self._link(index, traffic, after.traffic[index], lasted_s, contents[index]))
+            link = self._link(index, traffic, after.traffic[index], lasted_s, contents[index])
+            links.append(link)
         users = sum(len(worker.group.wrists) for worker in self._workers)
+        sent = sum(answer["sent"] for answer in answers)
+        hosts = sum(machine.has_people for machine in self._network.machines)
         return LoadResult(
             users=users,
             rate_hz=rate_hz,
             duration_s=duration_s,
             layout=layout,
-            sent=sum(answer["sent"] for answer in answers),
+            sent=sent,
             pointed=len(sight.cursor_s),
             arrived=sight.arrived,
             hovered=sight.hovers,
@@ -134,9 +129,27 @@ class HostsTest:
             processes=processes,
             load_average=load_average,
             lacking=self._network.lacking,
-            hosts=sum(machine.has_people for machine in self._network.machines),
+            hosts=hosts,
             links=links,
         )
+
+    def _processes(
+        self, answers: Sequence[Mapping[str, Any]], before: "_Used", after: "_Used"
+    ) -> list[Usage]:
+        """Return the usage of all workers, and of the routers between two times."""
+        # A worker measures its own time: it starts and ends a little later than this process.
+        processes: list[Usage] = []
+        for worker, answer in zip(self._workers, answers, strict=True):
+            cpu = answer["cpu_s"] / answer["lasted_s"]
+            usage = Usage(name=worker.group.name, cpu=cpu, memory_mb=answer["memory_mb"])
+            processes.append(usage)
+        lasted_s = after.at_s - before.at_s
+        for index, router in after.routers.items():
+            cpu_s = router.cpu_s - before.routers[index].cpu_s
+            name = f"router {self._network.machines[index].name}"
+            usage = Usage(name=name, cpu=cpu_s / lasted_s, memory_mb=router.memory_mb)
+            processes.append(usage)
+        return processes
 
     async def end(self) -> None:
         """End all processes."""
@@ -152,9 +165,12 @@ class HostsTest:
         return self._used()
 
     def _used(self) -> "_Used":
-        usages = {index: read_usage(pid) for index, pid in self._routers.items()}
+        routers: dict[int, UsageSample] = {}
+        for index, pid in self._routers.items():
+            usage = read_usage(pid)
+            if usage is not None:
+                routers[index] = usage
         at_s = asyncio.get_running_loop().time()
-        routers = {index: usage for index, usage in usages.items() if usage is not None}
         return _Used(at_s=at_s, routers=routers, traffic=self._network.traffic())
 
     def _link(
@@ -196,6 +212,7 @@ class HostsTest:
         if not self._network.traffic():
             return {}
         counters = await Counters.start(self._network)
+        # driven longer than counted: the counters may be told a little later
         order = {"rate_hz": rate_hz, "duration_s": CONTENTS_S + MARGIN_S}
         contents: dict[int, Contents]
         _, contents = await asyncio.gather(self._order(order), counters.count(CONTENTS_S))
@@ -243,9 +260,10 @@ async def start_hosts_test(
             if site_folder is None:
                 configuration = plain_configuration(listen, uplinks)
             else:
-                port = int(listen.rpartition(":")[2])
-                configuration = secured_configuration(site_folder, uplinks, port)
-            router = router_process(configuration, program, folder / str(index), network.arguments(index))
+                _, _, port = listen.rpartition(":")
+                configuration = secured_configuration(site_folder, uplinks, int(port))
+            place = network.arguments(index)
+            router = router_process(configuration, program, folder / str(index), place)
             router_pids[index] = await stack.enter_async_context(router)
 
         # `end` is pushed before `start`: workers that have started are ended if another one fails.

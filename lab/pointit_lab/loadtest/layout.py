@@ -1,5 +1,6 @@
 """Services of a load test and their processes: people, the services of each, those of the site."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -52,19 +53,23 @@ class Load:
         secured = "secured " if self.secured else ""
         program = " (zenohd)" if self.router == "zenohd" else ""
         if self.hosts:
-            hosts = "1 host" if self.hosts == 1 else f"{self.hosts} hosts"
-            routers = f"1 {secured}router"
-            if self.routers > 1:
-                routers = f"{self.routers} {secured}routers"
+            hosts = _counted(self.hosts, "host")
+            routers = _counted(max(1, self.routers), f"{secured}router")
             central = ", all cursors from the first" if self.central else ""
             return f"{hosts}, {routers}{program}{central}"
-        words = {
+        names = {
             "one": "one process",
             "users": f"users in {self.shards} processes",
             "services": "a process a service",
         }
-        name = words[self.layout]
-        return f"{name} through a {secured}router{program}" if self.router else name
+        name = names[self.layout]
+        if self.router:
+            return f"{name} through a {secured}router{program}"
+        return name
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"1 {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def load_launches(
@@ -96,12 +101,13 @@ def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
         parts: list[Group] = []
         for part in range(shards):
             launches = list(chain.from_iterable(people[part::shards]))
-            parts.append(Group(name=f"users {part + 1}", launches=launches, wrists=names[part::shards]))
+            group = Group(name=f"users {part + 1}", launches=launches, wrists=names[part::shards])
+            parts.append(group)
         return Group(name="site" if site else "onlooker", launches=site), parts
 
-    by_service: dict[str, list[Launch]] = {}
+    by_service = defaultdict[str, list[Launch]](list)
     for launch in chain(site, chain.from_iterable(people)):
-        by_service.setdefault(launch.service.NAME, []).append(launch)
+        by_service[launch.service.NAME].append(launch)
     services = [Group(name=name, launches=launches) for name, launches in by_service.items()]
     return Group(name="wrists", wrists=names), services
 
@@ -113,24 +119,29 @@ def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int
     """
     site, by_name = load_launches(count)
     sharded = [launch for launch in site if launch.service.NAME in SHARDED]
+    everybody = list(by_name)
     groups: dict[int, list[Group]] = {}
-    for number, (index, names) in enumerate(spread(list(by_name), machines).items(), 1):
+    for number, (index, names) in enumerate(spread(everybody, machines).items(), 1):
         groups[index] = []
 
         # Cursors are observed where they are computed: no link carries more for the observer's sake.
         if number == 1:
-            watched = list(by_name) if load.central else []
-            groups[index].append(Group(name="site", launches=site, watched=watched, watches_light=True))
+            observed = everybody if load.central else []
+            site_group = Group(name="site", launches=site, watched=observed, watches_light=True)
+            groups[index].append(site_group)
         if names:
-            launches = list(chain.from_iterable(by_name[name] for name in names))
+            own_launches = [by_name[name] for name in names]
+            launches = list(chain.from_iterable(own_launches))
+            watched: Sequence[str] = []
             if not load.central:
                 launches += [_shard(launch, f"host{number}", names) for launch in sharded]
-            watched = [] if load.central else names
+                watched = names
             group = Group(name=f"people {number}", launches=launches, wrists=names, watched=watched)
             groups[index].append(group)
     return groups
 
 
 def _shard(launch: Launch, name: str, people: Sequence[str]) -> Launch:
-    config = launch.config.model_copy(update={"people": tuple(people)})
+    people_only = {"people": tuple(people)}
+    config = launch.config.model_copy(update=people_only)
     return replace(launch, name=name, config=config)

@@ -89,19 +89,24 @@ class LoadResult:
     @property
     def dropped(self) -> float:
         """Return the share of samples without a cursor."""
-        return max(0.0, 1.0 - self.pointed / self.sent) if self.sent else 1.0
+        if not self.sent:
+            return 1.0
+        return max(0.0, 1.0 - self.pointed / self.sent)
 
     @property
     def lost(self) -> float | None:
         """Return the share of cursors that did not reach the site's lights, if they are counted."""
         if self.arrived is None:
             return None
-        return max(0.0, 1.0 - self.arrived / self.pointed) if self.pointed else 1.0
+        if not self.pointed:
+            return 1.0
+        return max(0.0, 1.0 - self.arrived / self.pointed)
 
     @property
     def sent_share(self) -> float:
         """Return the share of samples that were sent in time."""
-        return self.sent / (self.users * self.rate_hz * self.duration_s)
+        planned = self.users * self.rate_hz * self.duration_s
+        return self.sent / planned
 
     @property
     def us_per_sample(self) -> float:
@@ -109,14 +114,17 @@ class LoadResult:
         per_s = self.sent / self.duration_s
         if not per_s:
             return 0.0
-        return sum(usage.cpu for usage in self.processes) / per_s * 1e6
+        cpu = sum(usage.cpu for usage in self.processes)
+        return cpu / per_s * 1e6
 
     def process_rows(self) -> list[dict[str, Any]]:
         """Return for each process its CPU time for one sample of all wrists, us, and its memory."""
         per_s = self.sent / self.duration_s
         rows: list[dict[str, Any]] = []
         for usage in self.processes:
-            us_per_sample = round(usage.cpu / per_s * 1e6) if per_s else None
+            us_per_sample = None
+            if per_s:
+                us_per_sample = round(usage.cpu / per_s * 1e6)
             memory_mb = round(usage.memory_mb)
             rows.append({"process": usage.name, "us_per_sample": us_per_sample, "memory_mb": memory_mb})
         return rows
@@ -146,7 +154,8 @@ class LoadResult:
         if self.lost is not None and self.lost > MAX_DROPPED:
             return f"{self.lost:.1%} of the cursors did not reach the lights"
         if p99_ms > P99_MS:
-            return f"p99 is {round_beyond(p99_ms, P99_MS, 0)} ms, above {P99_MS:.0f} ms"
+            shown_ms = round_beyond(p99_ms, P99_MS, 0)
+            return f"p99 is {shown_ms} ms, above {P99_MS:.0f} ms"
         return ""
 
     def row(self) -> dict[str, Any]:
@@ -170,7 +179,8 @@ class LoadResult:
         row["processes"] = len(self.processes)
         row["cpu_percent"] = round(cpu * 100)
         row["us_per_sample"] = round(self.us_per_sample)
-        row["busiest"] = f"{busiest.name} {busiest.cpu * 100:.0f} %"
+        busiest_percent = busiest.cpu * 100
+        row["busiest"] = f"{busiest.name} {busiest_percent:.0f} %"
         row["memory_mb"] = round(memory_mb)
         row["load"] = self.load_average
         row["carried"] = self.failure or "yes"
@@ -201,7 +211,8 @@ def quantile_ms(values_s: Sequence[float], share: float) -> float | None:
     if not values_s:
         return None
     rank = math.ceil(share * len(values_s))
-    return sorted(values_s)[max(0, rank - 1)] * 1e3
+    index = max(0, rank - 1)
+    return sorted(values_s)[index] * 1e3
 
 
 class CapacitySearch:

@@ -64,7 +64,8 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
         site: SiteFolder | None = None
         if load.secured:
             addresses = host_network.addresses()
-            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, addresses)
+            site_path = Path(folder) / "site"
+            site, credentials = secured_site(site_path, load.site, PORT, addresses)
             stack.enter_context(_given(credentials))
         people = host_groups(load, count, machines)
         async with start_hosts_test(
@@ -100,13 +101,15 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
         listen: tuple[str, ...] = ()
         if load.router:
             connect = (endpoint,)
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-router-")))
+            temporary = tempfile.TemporaryDirectory(prefix="pointit-load-router-")
+            folder = Path(stack.enter_context(temporary))
             configuration = plain_configuration(endpoint, ())
             if load.secured:
                 site, credentials = secured_site(folder / "site", load.site, port, ["127.0.0.1"])
                 configuration = secured_configuration(site, (), port)
                 stack.enter_context(_given(credentials))
-            router = await stack.enter_async_context(router_process(configuration, load.router, folder))
+            process = router_process(configuration, load.router, folder)
+            router = await stack.enter_async_context(process)
         elif load.layout != "one":
             listen = (endpoint,)
 

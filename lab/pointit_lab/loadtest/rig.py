@@ -32,7 +32,8 @@ class LoadTest:
         self._sight = LoadTestReceiver(frozenset(self._users))
         self._wrists: list[LoadTestWrist] = []
         for index, user in enumerate(local_group.wrists):
-            self._wrists.append(LoadTestWrist(bus.publisher(IMU, user), index))
+            publisher = bus.publisher(IMU, user)
+            self._wrists.append(LoadTestWrist(publisher, index))
         self._sight.watch(bus)
         self._sight.watch_light(bus)
 
@@ -51,10 +52,8 @@ class LoadTest:
                 if worker.process.returncode is not None:
                     await worker.answer()  # raises
             if time.monotonic() > end_s:
-                people = f"{len(missing)} of {len(self._users)} people"
-                raise ConfigError(
-                    f"{people} were not ready within {READY_S:g} s; try fewer --users, or another --layout"
-                )
+                problem = f"{len(missing)} of {len(self._users)} people were not ready within {READY_S:g} s"
+                raise ConfigError(f"{problem}; try fewer --users, or another --layout")
             await asyncio.sleep(0.05)
 
     async def measure(self, rate_hz: float, duration_s: float, layout: str) -> LoadResult:
@@ -64,33 +63,37 @@ class LoadTest:
         sent_before = sum(wrist.sent for wrist in self._wrists)
         router_before = read_usage(self._router) if self._router else None
 
-        # The workers begin together with this process, and answer when their wrists are done.
-        began_s = time.monotonic()
+        # The workers start together with this process, and answer when their wrists are done.
+        start_s = time.monotonic()
         for worker in self._workers:
             worker.send_line({"rate_hz": rate_hz, "duration_s": duration_s})
         await drive_wrists(self._wrists, rate_hz, duration_s)
         answers = [await worker.answer() for worker in self._workers]
-        lasted_s = time.monotonic() - began_s
+        lasted_s = time.monotonic() - start_s
         after = read_usage()
         await asyncio.sleep(DRAIN_S)
 
         sent = sum(wrist.sent for wrist in self._wrists) - sent_before
         usages: list[Usage] = []
         if before is not None and after is not None:
-            cpu = (after.cpu_s - before.cpu_s) / lasted_s
-            usages.append(Usage(name=self._local_group.name, cpu=cpu, memory_mb=after.memory_mb))
+            own_cpu = (after.cpu_s - before.cpu_s) / lasted_s
+            usages.append(Usage(name=self._local_group.name, cpu=own_cpu, memory_mb=after.memory_mb))
         for worker, answer in zip(self._workers, answers, strict=True):
             sent += answer["sent"]
             cpu = answer["cpu_s"] / lasted_s
-            usages.append(Usage(name=worker.group.name, cpu=cpu, memory_mb=answer["memory_mb"]))
+            usage = Usage(name=worker.group.name, cpu=cpu, memory_mb=answer["memory_mb"])
+            usages.append(usage)
 
         # The router also carries what still travels, so its usage is read after that.
-        router_after = read_usage(self._router) if router_before is not None else None
-        if router_before is not None and router_after is not None:
-            cpu = (router_after.cpu_s - router_before.cpu_s) / lasted_s
-            usages.append(Usage(name="router", cpu=cpu, memory_mb=router_after.memory_mb))
+        if router_before is not None:
+            router_after = read_usage(self._router)
+            if router_after is not None:
+                router_cpu = (router_after.cpu_s - router_before.cpu_s) / lasted_s
+                usages.append(Usage(name="router", cpu=router_cpu, memory_mb=router_after.memory_mb))
 
-        has_load_average = hasattr(os, "getloadavg")  # not on Windows
+        load_average = None
+        if hasattr(os, "getloadavg"):  # not on Windows
+            load_average = round(os.getloadavg()[0], 1)
         return LoadResult(
             users=len(self._users),
             rate_hz=rate_hz,
@@ -102,7 +105,7 @@ class LoadTest:
             light_s=self._sight.light_s(),
             cursor_s=list(self._sight.cursor_s),
             processes=usages,
-            load_average=round(os.getloadavg()[0], 1) if has_load_average else None,
+            load_average=load_average,
         )
 
 
@@ -141,4 +144,5 @@ async def running(launches: Sequence[Launch], bus: Bus) -> AsyncGenerator[asynci
 
 
 async def _end_all(workers: Sequence[Worker]) -> None:
-    await asyncio.gather(*(worker.end() for worker in workers))
+    endings = [worker.end() for worker in workers]
+    await asyncio.gather(*endings)

@@ -39,7 +39,8 @@ class LoadTestReceiver:
 
     def watch(self, bus: Bus, *, alone: bool = False) -> None:
         """Read all that is observed of people; `alone`: of `users` only, so that no link carries others'."""
-        for name in sorted(self.users) if alone else (ANY,):
+        names = sorted(self.users) if alone else [ANY]
+        for name in names:
             bus.tap(POSE, self._on_pose, name)
             bus.tap(CURSOR, self._on_cursor, name)
             bus.tap(HOVER, self._on_hover, name)
@@ -54,7 +55,10 @@ class LoadTestReceiver:
 
     async def until_poses(self, services: "asyncio.Task[None]") -> None:
         """Wait until all poses are known, or `services` have ended."""
-        while not self.users <= self.poses and not services.done():  # noqa: ASYNC110 - on another thread
+        # polled: poses arrive on another thread
+        while not self.users <= self.poses:
+            if services.done():
+                return
             await asyncio.sleep(0.05)
 
     def clear(self) -> None:
@@ -63,7 +67,8 @@ class LoadTestReceiver:
         self.cursor_s.clear()
         self.frames.clear()
         with self._counting:
-            self.hovers = self.arrived = 0
+            self.hovers = 0
+            self.arrived = 0
 
     def dump(self) -> dict[str, Any]:
         """Return all received values as JSON."""
@@ -81,7 +86,9 @@ class LoadTestReceiver:
         self.arrived += dumped["arrived"]
         self.stamps.update(dumped["stamps"])
         self.cursor_s.extend(dumped["cursor_s"])
-        self.frames.update((stamp_ns, age_s) for stamp_ns, age_s in dumped["frames"])
+        # JSON has lists in place of tuples
+        for stamp_ns, age_s in dumped["frames"]:
+            self.frames[stamp_ns] = age_s
 
     def light_s(self) -> list[float]:
         """Return the ages of the frames that show one of our samples; others are drawn for other reasons."""
@@ -102,7 +109,8 @@ class LoadTestReceiver:
     def _on_frame(self, message: Message | Undecoded, _name: str) -> None:
         arrived_ns = time.time_ns()
         stamp_ns = _stamp_ns(message)
-        self.frames.setdefault(stamp_ns, (arrived_ns - stamp_ns) / NS_PER_S)
+        age_s = (arrived_ns - stamp_ns) / NS_PER_S
+        self.frames.setdefault(stamp_ns, age_s)
 
     def _on_arrival(self, _message: Message | Undecoded, _user: str) -> None:
         with self._counting:
@@ -113,4 +121,6 @@ class LoadTestReceiver:
 
 
 def _stamp_ns(message: Message | Undecoded) -> int:
-    return (message if isinstance(message, Message) else message.decode()).stamp_ns
+    if isinstance(message, Undecoded):
+        message = message.decode()
+    return message.stamp_ns

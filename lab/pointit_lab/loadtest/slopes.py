@@ -55,7 +55,8 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
         extended = np.column_stack([*columns.values(), column])
         if np.linalg.matrix_rank(extended) > len(columns):
             columns[name] = column
-    if len(values) < max(2, len(columns)):
+    enough = max(2, len(columns))
+    if len(values) < enough:
         return {}
     from scipy.stats import t as student  # noqa: PLC0415 - takes half a second
 
@@ -70,7 +71,8 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
         residuals = measured - design @ solution
         variance = float(np.sum(residuals**2)) / degrees_of_freedom
         covariance = variance * np.linalg.inv(design.T @ design)
-        quantile = float(student.ppf((1 + CONFIDENCE) / 2, degrees_of_freedom))
+        upper = (1 + CONFIDENCE) / 2
+        quantile = float(student.ppf(upper, degrees_of_freedom))
         errors = [math.sqrt(diagonal) * quantile for diagonal in np.diag(covariance)]
 
     slopes: dict[str, LoadSlope] = {}
@@ -113,14 +115,17 @@ class PartSlopes:
         row: dict[str, Any] = {"part": self.part, "points": self.points}
         for kind, slopes in (("cpu_percent", self.cpu_percent), ("memory_mb", self.memory_mb)):
             for name in (FIXED, PER_PERSON, PER_HOST):
-                slope = slopes.get(name)
-                row[f"{kind}_{name}"] = None if slope is None else str(slope)
+                column = f"{kind}_{name}"
+                row[column] = None
+                if name in slopes:
+                    row[column] = str(slopes[name])
 
         people_a_core = self.people_a_core
         row["people_a_core"] = None
         if people_a_core is not None:
             value, least, most = people_a_core
-            row["people_a_core"] = f"{value:.0f} [{_whole(least)}, {_whole(most)}]"
+            interval = f"[{_whole(least)}, {_whole(most)}]"
+            row["people_a_core"] = f"{value:.0f} {interval}"
         return row
 
     def record(self) -> dict[str, Any]:
@@ -168,9 +173,11 @@ def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
     Those of a machine that was too busy to send all samples are left out: late samples share wake-ups.
     """
     results = [result for result in results if result.sent_share >= MIN_SENT]
+    # people by what was sent: the cost is that of samples
     people = [result.sent / (result.rate_hz * result.duration_s) for result in results]
     hosts = [float(result.hosts) for result in results]
-    unknowns = {FIXED: [1.0] * len(results), PER_PERSON: people, PER_HOST: hosts}
+    fixed = [1.0] * len(results)
+    unknowns = {FIXED: fixed, PER_PERSON: people, PER_HOST: hosts}
     slopes: list[PartSlopes] = []
     for name, choose in PARTS.items():
         parts = [choose(result.processes) for result in results]
@@ -179,5 +186,6 @@ def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
         cpu = fit(unknowns, [_cpu(part) * CORE for part in parts])
         memory = fit(unknowns, [_memory_mb(part) for part in parts])
         if PER_PERSON in cpu:
-            slopes.append(PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory))
+            part_slopes = PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory)
+            slopes.append(part_slopes)
     return slopes

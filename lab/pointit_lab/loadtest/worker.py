@@ -43,16 +43,22 @@ def _reply(message: Mapping[str, Any]) -> None:
     sys.stdout.flush()
 
 
+async def _open_bus(site: str, endpoint: str) -> ZenohBus:
+    """Join the site at `endpoint`, with the credentials of the environment if there are any."""
+    folder = os.environ.get(VARIABLE)
+    credentials = None
+    if folder:
+        credentials = read_credentials(Path(folder), _now())
+    link = Link(site=site, connect=(endpoint,), credentials=credentials)
+    return await ZenohBus.open(link, patience_s=TIMEOUT_S)
+
+
 async def _work() -> int:
     reader = asyncio.StreamReader(limit=64 * 1024 * 1024)
-    await asyncio.get_running_loop().connect_read_pipe(
-        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
-    )
+    loop = asyncio.get_running_loop()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     task = json.loads(await reader.readline())
-    folder = os.environ.get(VARIABLE)
-    credentials = read_credentials(Path(folder), _now()) if folder else None
-    link = Link(site=task["site"], connect=(task["connect"],), credentials=credentials)
-    bus = await ZenohBus.open(link, patience_s=TIMEOUT_S)
+    bus = await _open_bus(task["site"], task["connect"])
 
     # If the services end, so does the loop of orders below.
     launches = [_launch(dumped) for dumped in task["launches"]]
@@ -62,7 +68,8 @@ async def _work() -> int:
     try:
         wrists: list[LoadTestWrist] = []
         for index, user in enumerate(task["wrists"]):
-            wrists.append(LoadTestWrist(bus.publisher(IMU, user), index))
+            publisher = bus.publisher(IMU, user)
+            wrists.append(LoadTestWrist(publisher, index))
         sight = LoadTestReceiver(frozenset(task["watched"]))
         sight.watch(bus, alone=True)
         if task["watches_light"]:
@@ -77,9 +84,9 @@ async def _work() -> int:
             sight.clear()
             before = read_usage()
             sent_before = sum(wrist.sent for wrist in wrists)
-            began_s = time.monotonic()
+            start_s = time.monotonic()
             await drive_wrists(wrists, order["rate_hz"], order["duration_s"])
-            lasted_s = time.monotonic() - began_s
+            lasted_s = time.monotonic() - start_s
             after = read_usage()
 
             # Only an observer waits for what still travels. The usage above is without that time.

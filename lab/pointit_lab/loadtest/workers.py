@@ -51,10 +51,11 @@ class Worker:
             process_group=0,  # a terminal's Ctrl-C is for the parent, which ends its children
         )
         worker = cls(group, process)
+        launches = [_dumped(launch) for launch in group.launches]
         task = {
             "site": site,
             "connect": connect,
-            "launches": [_dumped(launch) for launch in group.launches],
+            "launches": launches,
             "wrists": list(group.wrists),
             "watched": list(group.watched),
             "watches_light": group.watches_light,
@@ -64,8 +65,9 @@ class Worker:
 
     def send_line(self, message: dict[str, Any]) -> None:
         """Send it `message` as a line of JSON."""
+        line = json.dumps(message) + "\n"
         if self.process.stdin is not None:
-            self.process.stdin.write((json.dumps(message) + "\n").encode())
+            self.process.stdin.write(line.encode())
 
     async def answer(self) -> dict[str, Any]:
         """Return its next line.
@@ -73,7 +75,9 @@ class Worker:
         Raises:
             ConfigError: If it has ended.
         """
-        line = b"" if self.process.stdout is None else await self.process.stdout.readline()
+        line = b""
+        if self.process.stdout is not None:
+            line = await self.process.stdout.readline()
         if not line:
             raise ConfigError(f"the process of {self.group.name} has ended: see its output above")
         answer: dict[str, Any] = json.loads(line)

@@ -34,14 +34,11 @@ class LoadTestWrist:
         """Publish one sample, captured now."""
         self.sent += 1
         self.stamp_ns = self._clock.now_ns()
-        azimuth_rad = SWEEP_RAD * math.sin(self.sent / 50 + self._phase_rad)
-        self._publisher.put(
-            ImuSample(
-                stamp_ns=self.stamp_ns,
-                seq=self.sent,
-                orientation_xyzw=rotation.from_azimuth_elevation(azimuth_rad, ELEVATION_RAD),
-            )
-        )
+        phase_rad = self.sent / 50 + self._phase_rad
+        azimuth_rad = SWEEP_RAD * math.sin(phase_rad)
+        orientation_xyzw = rotation.from_azimuth_elevation(azimuth_rad, ELEVATION_RAD)
+        sample = ImuSample(stamp_ns=self.stamp_ns, seq=self.sent, orientation_xyzw=orientation_xyzw)
+        self._publisher.put(sample)
 
 
 async def drive_wrists(wrists: Sequence[LoadTestWrist], rate_hz: float, duration_s: float) -> None:
@@ -54,11 +51,13 @@ async def drive_wrists(wrists: Sequence[LoadTestWrist], rate_hz: float, duration
         await asyncio.sleep(duration_s)
         return
     loop = asyncio.get_running_loop()
-    began_s = loop.time()
+    start_s = loop.time()
     per_s = rate_hz * len(wrists)
     for turn in range(round(per_s * duration_s)):
-        wait_s = began_s + turn / per_s - loop.time()
-        if wait_s > 0 or turn % len(wrists) == 0:
+        number = turn % len(wrists)
+        wait_s = start_s + turn / per_s - loop.time()
+        # a late generator yields to the services once a period, too
+        if wait_s > 0 or number == 0:
             await asyncio.sleep(max(0.0, wait_s))
         if wait_s > -1.0 / rate_hz:
-            wrists[turn % len(wrists)].put()
+            wrists[number].put()

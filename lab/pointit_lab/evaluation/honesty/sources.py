@@ -67,8 +67,10 @@ def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int =
     reading.trials.clear()
     if recordings is not None and vr_arm_pointing.NAME in selected_sets:
         folder = recordings / vr_arm_pointing.NAME
-        vr_arm_pointing.read(folder, reading, counts=(vr_arm_pointing.ALL_TARGETS,), subsets=size.rooms)
+        everything = (vr_arm_pointing.ALL_TARGETS,)
+        vr_arm_pointing.read(folder, reading, counts=everything, subsets=size.rooms)
     people = SimulatedPeople(followed=reading.followed, rooms=list(reading.trials), notes=reading.notes)
+
     seeds = range(seed, seed + size.people)
     if simulated_people.SET in selected_sets:
         people.followed += simulated_people.followers(seeds)

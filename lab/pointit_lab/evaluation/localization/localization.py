@@ -2,9 +2,9 @@
 
 import math
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 from pointit.services.localizer.estimation.estimator import (
@@ -83,12 +83,16 @@ def localization_rows(
     tasks = list(_tasks(trials, baselines=baselines))
     solved = map_in_order(solve_task, tasks, jobs=jobs, chunk=CHUNK, tick=tick)
     outcomes = list(chain.from_iterable(solved))
-    return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
+    rows = [*rows_of(outcomes), *until_taken_rows(outcomes)]
+    return arranged(rows)
 
 
 def solve_task(task: Task) -> list[Outcome]:
     """Return the outcome of each solver on a trial. Runs in other processes."""
-    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for name in task.solvers]
+    outcomes: list[Outcome] = []
+    for name in task.solvers:
+        outcomes.append(outcome(task.trial, task.bound_m, name, SOLVERS[name]))
+    return outcomes
 
 
 def _tasks(trials: Sequence[LocalizationTrial], *, baselines: bool) -> Iterator[Task]:
@@ -98,20 +102,23 @@ def _tasks(trials: Sequence[LocalizationTrial], *, baselines: bool) -> Iterator[
         group = (trial.set, trial.condition)
         # baselines are slow: they run on some trials, evenly taken
         stride = math.ceil(sizes[group] / BASELINE_TRIALS)
-        with_others = baselines and seen[group] % stride == 0
+        is_sampled = seen[group] % stride == 0
         seen[group] += 1
-        solvers = tuple(SOLVERS) if with_others else (OURS,)
+        solvers = (OURS,)
+        if baselines and is_sampled:
+            solvers = tuple(SOLVERS)
         yield Task(trial=trial, bound_m=bound_m, solvers=solvers)
 
 
 def _bounds(trials: Sequence[LocalizationTrial]) -> list[float]:
     """Return the bound of each trial, from the errors of its person in their other trials, too."""
-    sets: dict[str, list[int]] = {}
+    sets = defaultdict[str, list[int]](list)
     for number, trial in enumerate(trials):
-        sets.setdefault(trial.set, []).append(number)
+        sets[trial.set].append(number)
     all_bounds_m = [math.nan] * len(trials)
     for numbers in sets.values():
-        bounds_m = median_bounds_m([trials[number] for number in numbers])
+        own_trials = [trials[number] for number in numbers]
+        bounds_m = median_bounds_m(own_trials)
         for number, bound_m in zip(numbers, bounds_m, strict=True):
             all_bounds_m[number] = bound_m
     return all_bounds_m
@@ -119,63 +126,61 @@ def _bounds(trials: Sequence[LocalizationTrial]) -> list[float]:
 
 def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver) -> Outcome:
     """Return the outcome of `solver`, called `name`, on `trial`."""
-    began_ns = time.process_time_ns()
+    start_ns = time.process_time_ns()
     estimate = solver(trial.pointings)
-    solve_ms = (time.process_time_ns() - began_ns) / 1e6
-    key = Key.of(trial)
+    solve_ms = (time.process_time_ns() - start_ns) / 1e6
 
     # what the running localizer takes of it, with its own rules for lamps and following
     taken_m = None
     if solver is ours:
+        taken_m = math.inf
         verdict = judged(trial.pointings)
-        taken_m = off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
-
-    # a refusal counts with the error of the best fit
-    if isinstance(estimate, Refusal):
-        best = solve(trial.pointings, ANY)
-        return Outcome(
-            key=key,
-            solver=name,
-            solve_ms=solve_ms,
-            refused=estimate.reason,
-            taken_m=taken_m,
-            recording=trial.recording,
-            start_s=trial.start_s,
-            position_m=off_m(best, trial) if isinstance(best, Solution) else math.nan,
-            bound_m=bound_m,
-        )
-
-    # baselines state no sigma
-    yaw_deg = math.nan
-    if trial.yaw_rad is not None and math.isfinite(estimate.yaw_rad):
-        yaw_deg = math.degrees(math.remainder(estimate.yaw_rad - trial.yaw_rad, math.tau))
-    sigma_m = math.nan
-    yaw_sigma_deg = math.nan
-    is_sure = True
-    if isinstance(estimate, Solution):
-        is_sure = LIMITS.accepts(estimate)
-        sigma_m = estimate.position_sigma_m
-        yaw_sigma_deg = math.degrees(estimate.yaw_sigma_rad)
-    return Outcome(
-        key=key,
+        if isinstance(verdict, Solution):
+            taken_m = off_m(verdict, trial)
+    unsolved = Outcome(
+        key=Key.of(trial),
         solver=name,
         solve_ms=solve_ms,
-        position_m=off_m(estimate, trial),
-        yaw_deg=yaw_deg,
-        position_sigma_m=sigma_m,
-        yaw_sigma_deg=yaw_sigma_deg,
-        is_sure=is_sure,
         taken_m=taken_m,
         recording=trial.recording,
         start_s=trial.start_s,
         bound_m=bound_m,
     )
 
+    # a refusal counts with the error of the best fit
+    if isinstance(estimate, Refusal):
+        position_m = math.nan
+        best = solve(trial.pointings, ANY)
+        if isinstance(best, Solution):
+            position_m = off_m(best, trial)
+        return replace(unsolved, refused=estimate.reason, position_m=position_m)
+
+    yaw_deg = _yaw_error_deg(estimate, trial)
+    solved = replace(unsolved, position_m=off_m(estimate, trial), yaw_deg=yaw_deg)
+    if isinstance(estimate, BaselineEstimate):
+        return solved  # it states no sigma
+    return replace(
+        solved,
+        position_sigma_m=estimate.position_sigma_m,
+        yaw_sigma_deg=math.degrees(estimate.yaw_sigma_rad),
+        is_sure=LIMITS.accepts(estimate),
+    )
+
+
+def _yaw_error_deg(estimate: Solution | BaselineEstimate, trial: LocalizationTrial) -> float:
+    """Return the signed error, NaN if the truth is unknown or the solver diverged."""
+    if trial.yaw_rad is None or not math.isfinite(estimate.yaw_rad):
+        return math.nan
+    error_rad = math.remainder(estimate.yaw_rad - trial.yaw_rad, math.tau)
+    return math.degrees(error_rad)
+
 
 def off_m(solution: Solution | BaselineEstimate, trial: LocalizationTrial) -> float:
     """Return the horizontal error of `solution`, at most `FARTHEST_M`."""
     error_m = math.hypot(solution.x_m - trial.x_m, solution.y_m - trial.y_m)
-    return min(error_m, FARTHEST_M) if math.isfinite(error_m) else FARTHEST_M
+    if not math.isfinite(error_m):
+        return FARTHEST_M
+    return min(error_m, FARTHEST_M)
 
 
 def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution | Refusal:

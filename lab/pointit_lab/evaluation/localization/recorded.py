@@ -5,6 +5,7 @@ one, pointing at lamps afterwards (anchors) shows how far rays were off.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -68,14 +69,15 @@ class Sessions:
 
     def rows(self) -> list[Row]:
         """Return the rows of poses and anchors as they were in the sessions."""
-        by_user: dict[str, list[Anchor]] = {}
+        by_user = defaultdict[str, list[Anchor]](list)
         for user, anchor in self.anchors:
-            by_user.setdefault(user, []).append(anchor)
+            by_user[user].append(anchor)
         rows = list(rows_of(self.outcomes))
         if self.anchors:
-            rows.append(_anchors(ALL, [anchor for _, anchor in self.anchors]))
-        for user, anchors in by_user.items():
-            rows.append(_anchors(user, anchors))
+            anchors = [anchor for _, anchor in self.anchors]
+            rows.append(_anchors(ALL, anchors))
+        for user, own_anchors in by_user.items():
+            rows.append(_anchors(user, own_anchors))
         return rows
 
 
@@ -105,7 +107,8 @@ def read_sessions(paths: Sequence[Path], tick: Callable[[str], None] = lambda _:
             missing = reader.end(sessions)
             if missing:
                 sessions.notes.append(f"{path}: {missing}")
-    if not (sessions.trials or sessions.outcomes or sessions.anchors):
+    is_empty = not (sessions.trials or sessions.outcomes or sessions.anchors)
+    if is_empty:
         raise ConfigError("; ".join(sessions.notes))
     return sessions
 
@@ -123,9 +126,12 @@ class _Reader:
 
     def __init__(self, names: Mapping[str, set[str]]) -> None:
         """Expect the people in `names`, by the key of a topic. Who has no rays gets them from their IMU."""
-        users = set[str]().union(*(names[topic.key] for topic in PEOPLE))
+        users = set[str]()
+        for topic in PEOPLE:
+            users |= names[topic.key]
         users.discard("")
-        self._people = {user: PersonInSession(user, LocalizerConfig()) for user in sorted(users)}
+        config = LocalizerConfig()
+        self._people = {user: PersonInSession(user, config) for user in sorted(users)}
         self._rayed = names[RAY.key]
         self._arms: dict[str, ArmRay] = {}
         self._lamps: dict[str, Vec3] = {}
@@ -151,8 +157,10 @@ class _Reader:
         for person in self._people.values():
             trials = list(person.trials(self._targets))
             sessions.trials += trials
-            sessions.outcomes += _live(person, {trial.yaw_rad for trial in trials})
+            yaws_rad = {trial.yaw_rad for trial in trials}
+            sessions.outcomes += _live(person, yaws_rad)
         sessions.anchors += self._anchors
+
         tracked = [person for person in self._people.values() if len(person.truth)]
         if not tracked and not self._anchors:
             return UNTRUE
@@ -178,7 +186,9 @@ class _Reader:
     def _track(self, message: TrackedObjects) -> None:
         for item in message.objects:
             person = self._people.get(item.id)
-            course = person.truth if person else self._targets.get(item.id)
+            course = self._targets.get(item.id)
+            if person is not None:
+                course = person.truth
             if course is not None:
                 course.add(message.stamp_ns, item.position_m)
             # the yaw of any other kind is not that of {H}
@@ -190,11 +200,13 @@ class _Reader:
     def _move(self, name: str, sample: ImuSample) -> None:
         if name in self._rayed:
             return
-        ray = self._arms.get(name, DEFAULT_ARM).ray(sample.orientation_xyzw)
-        if ray is not None:
-            origin_m, direction = ray
-            message = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin_m, direction=direction)
-            self._people[name].on_ray(message)
+        arm = self._arms.get(name, DEFAULT_ARM)
+        ray = arm.ray(sample.orientation_xyzw)
+        if ray is None:
+            return
+        origin_m, direction = ray
+        message = PointingRay(stamp_ns=sample.stamp_ns, origin_m=origin_m, direction=direction)
+        self._people[name].on_ray(message)
 
 
 def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterable[Outcome]:
@@ -215,10 +227,12 @@ def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterab
         tracked_yaw = person.yaws.at(times_ns)[0]
         yaw_rad = common_yaw_rad
         if np.isfinite(tracked_yaw).all():
-            yaw_rad = math.atan2(tracked_yaw[1], tracked_yaw[0])
+            cosine, sine = tracked_yaw
+            yaw_rad = math.atan2(sine, cosine)
         yaw_deg = math.nan
         if yaw_rad is not None:
-            yaw_deg = math.degrees(math.remainder(pose.yaw_rad - yaw_rad, math.tau))
+            turned_rad = math.remainder(pose.yaw_rad - yaw_rad, math.tau)
+            yaw_deg = math.degrees(turned_rad)
         x_error_m = pose.position_m[0] - place_m[0]
         y_error_m = pose.position_m[1] - place_m[1]
 
@@ -227,6 +241,7 @@ def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterab
         place_variances = np.linalg.eigvalsh(covariance[:2, :2])
         place_variance = max(0.0, float(place_variances[-1]))
         yaw_variance = max(0.0, float(covariance[2, 2]))
+        yaw_sigma_rad = math.sqrt(yaw_variance)
         condition = pose.method.replace("_", " ")
         yield Outcome(
             key=Key(set=SET, subject=person.user, condition=condition),
@@ -234,7 +249,7 @@ def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterab
             position_m=math.hypot(x_error_m, y_error_m),
             yaw_deg=yaw_deg,
             position_sigma_m=math.sqrt(place_variance),
-            yaw_sigma_deg=math.degrees(math.sqrt(yaw_variance)),
+            yaw_sigma_deg=math.degrees(yaw_sigma_rad),
         )
 
 

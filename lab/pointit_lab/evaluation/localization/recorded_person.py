@@ -42,7 +42,8 @@ class Course:
         """Add the values of a time that is later than the last; others are ignored."""
         if len(self) >= MAX_SAMPLES:
             return
-        if self._times_ns and time_ns <= self._times_ns[-1]:
+        is_first = not self._times_ns
+        if not is_first and time_ns <= self._times_ns[-1]:
             return
         self._times_ns.append(time_ns)
         self._values.extend(values)
@@ -55,23 +56,26 @@ class Course:
     @property
     def values(self) -> Array:
         """Return the values (n x width)."""
-        return np.array(self._values, dtype=np.float64).reshape(-1, self._width)
+        values = np.array(self._values, dtype=np.float64)
+        return values.reshape(-1, self._width)
 
     def at(self, times_ns: NDArray[np.int64]) -> Array:
         """Return the interpolated values (k x width) at `times_ns`; NaN where none is within `GAP_S`."""
+        shape = (len(times_ns), self._width)
         if not len(self):
-            return np.full((len(times_ns), self._width), math.nan)
+            return np.full(shape, math.nan)
         own_ns = self.times_ns
         values = self.values
         # relative times: nanoseconds since 1970 exceed the precision of floats
         asked_ns = times_ns - own_ns[0]
         known_ns = own_ns - own_ns[0]
-        interpolated = np.empty((len(times_ns), self._width))
+        interpolated = np.empty(shape)
         for axis in range(self._width):
             interpolated[:, axis] = np.interp(asked_ns, known_ns, values[:, axis])
 
         # the neighbours of each time
-        after = np.searchsorted(own_ns, times_ns).clip(0, len(own_ns) - 1)
+        after = np.searchsorted(own_ns, times_ns)
+        after = after.clip(0, len(own_ns) - 1)
         before = (after - 1).clip(0)
         neighbours_ns = own_ns[np.stack([after, before])]
         apart_ns = np.abs(neighbours_ns - times_ns).min(axis=0)
@@ -114,25 +118,30 @@ class PersonInSession:
 
     def add_yaw(self, time_ns: int, yaw_rad: float) -> None:
         """Note the true yaw of {H}."""
-        self.yaws.add(time_ns, (math.cos(yaw_rad), math.sin(yaw_rad)))
+        direction = (math.cos(yaw_rad), math.sin(yaw_rad))
+        self.yaws.add(time_ns, direction)
 
     def on_localization(self, message: Localization, lamps: dict[str, Vec3]) -> None:
         """Note what the person points at from now on."""
         is_on = message.phase == "sampling" and message.purpose == "pose"
-        target = (message.target_id, message.target_index) if is_on else ("", -1)
+        target = ("", -1)
+        if is_on:
+            target = (message.target_id, message.target_index)
         self._since_ns = message.since_ns
         if target == self._target:
             return
         self._target = target
-        if target[0] in lamps:
+        name, _ = target
+        if name in lamps:
+            hold = Hold(message.stamp_ns, self._config)
             holds = self._sessions.setdefault(message.since_ns, [])
-            holds.append((Hold(message.stamp_ns, self._config), lamps[target[0]]))
-        elif target[0]:
-            self.follows.setdefault(target[0], Course(6))
+            holds.append((hold, lamps[name]))
+        elif name:
+            self.follows.setdefault(name, Course(6))
 
     def on_ray(self, ray: PointingRay) -> None:
         """Add a ray if the person is being localized."""
-        target = self._target[0]
+        target, _ = self._target
         if target in self.follows:
             direction = unfiltered_rays.unfiltered(ray)
             self.follows[target].add(ray.stamp_ns, (*ray.origin_m, *direction))
@@ -156,7 +165,8 @@ class PersonInSession:
         targets = track.at(times_ns)
         heads = self.truth.at(times_ns)
         # repeated samples are old; the truth has gaps
-        is_new = np.any(np.diff(rays, axis=0) != 0.0, axis=1)
+        steps = np.diff(rays, axis=0)
+        is_new = np.any(steps != 0.0, axis=1)
         fresh = np.append(True, is_new)
         has_target = np.isfinite(targets).all(axis=1)
         has_head = np.isfinite(heads).all(axis=1)
@@ -165,10 +175,10 @@ class PersonInSession:
             return
         times_ns = times_ns[known]
         rays = rays[known]
-        targets = targets[known]
         heads = heads[known]
+        origins_m = rays[:, :3]
         stamps_s = (times_ns - times_ns[0]) / NS_PER_S
-        pointings = Pointings(stamps_s, rays[:, :3], rays[:, 3:], targets)
+        pointings = Pointings(stamps_s, origins_m, rays[:, 3:], targets[known])
         recording = FollowRecording(
             set=SET,
             subject=self.user,
@@ -201,7 +211,7 @@ class PersonInSession:
             subject=self.user,
             condition=f"{lamps} lamps",
             pointings=pointings,
-            eye_height_m=float(pointings.origins_m[:, 2].mean()),
+            eye_height_m=float(origins_m[:, 2].mean()),
             x_m=float(heads[:, 0].mean()),
             y_m=float(heads[:, 1].mean()),
             yaw_rad=self._yaw_rad(times_ns, pointings, heads),
@@ -210,14 +220,18 @@ class PersonInSession:
     def _yaw_rad(self, times_ns: NDArray[np.int64], pointings: Pointings, heads: Array) -> float:
         """Return the true yaw of {H}: a tracker's, else that in which rays meet their targets on average."""
         if len(self.yaws):
-            yaw_rad = self.yaws.at(times_ns)
-            yaw_rad = yaw_rad[np.isfinite(yaw_rad).all(axis=1)]
-            if len(yaw_rad):
-                cosine = float(yaw_rad[:, 0].mean())
-                sine = float(yaw_rad[:, 1].mean())
+            directions = self.yaws.at(times_ns)
+            is_known = np.isfinite(directions).all(axis=1)
+            directions = directions[is_known]
+            if len(directions):
+                cosine = float(directions[:, 0].mean())
+                sine = float(directions[:, 1].mean())
                 return math.atan2(sine, cosine)
         away = pointings.targets_m - heads
         aims = pointings.directions
         target_azimuths = np.arctan2(away[:, 1], away[:, 0])
-        turned = target_azimuths - np.arctan2(aims[:, 1], aims[:, 0])
-        return math.atan2(float(np.sin(turned).mean()), float(np.cos(turned).mean()))
+        aim_azimuths = np.arctan2(aims[:, 1], aims[:, 0])
+        turned = target_azimuths - aim_azimuths
+        sine = float(np.sin(turned).mean())
+        cosine = float(np.cos(turned).mean())
+        return math.atan2(sine, cosine)

@@ -87,7 +87,8 @@ def drift_rows(
     known = dict.fromkeys(row.subject for row in rows)
     for subject in subjects:
         if subject not in known:
-            raise ConfigError(f"{recordings}: has no subject {subject!r}; there are {', '.join(known)}")
+            names = ", ".join(known)
+            raise ConfigError(f"{recordings}: has no subject {subject!r}; there are {names}")
     if subjects:
         rows = [row for row in rows if row.subject in subjects]
     return arranged(rows)
@@ -112,14 +113,18 @@ def _rows(condition: str, trials: Sequence[DriftTrial], sigma_rad: float) -> lis
     rows: list[Row] = []
     by_solver: dict[str, list[tuple[DriftTrial, YawEstimate]]] = {}
     for name, solver in SOLVERS.items():
-        by_solver[name] = [(trial, solver(trial.course, trial.anchors, trial.told)) for trial in trials]
+        estimates: list[tuple[DriftTrial, YawEstimate]] = []
+        for trial in trials:
+            estimates.append((trial, solver(trial.course, trial.anchors, trial.told)))
+        by_solver[name] = estimates
     # after all are solved: each is compared with the plain one
     for name, estimates in by_solver.items():
         rows += _solver_rows(condition, name, estimates, by_solver[PLAIN], sigma_rad)
     if trials:
-        rows.append(
-            normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)
+        scatter = normal_row(
+            proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad
         )
+        rows.append(scatter)
     return rows
 
 
@@ -150,18 +155,20 @@ def _solver_rows(
             # the predicted hold scatters, too
             if estimate.sigma_rad is not None:
                 total_sigma_rad = math.hypot(estimate.sigma_rad, sigma_rad)
-                within.append(abs(error_rad) <= 2.0 * total_sigma_rad)
-        yaw_within_2_sigma = float(np.mean(within)) if within else None
-        rows.append(
-            Row(
-                set=proximity_feedback.NAME,
-                subject=subject,
-                condition=condition,
-                solver=solver,
-                n=len(own_errors_rad),
-                yaw_deg=MetricSpread.of(map(math.degrees, own_errors_rad)),
-                yaw_within_2_sigma=yaw_within_2_sigma,
-                times_plain=times_plain if subject == ALL else None,
-            )
+                is_within = abs(error_rad) <= 2.0 * total_sigma_rad
+                within.append(is_within)
+        yaw_within_2_sigma = None
+        if within:
+            yaw_within_2_sigma = float(np.mean(within))
+        row = Row(
+            set=proximity_feedback.NAME,
+            subject=subject,
+            condition=condition,
+            solver=solver,
+            n=len(own_errors_rad),
+            yaw_deg=MetricSpread.of(map(math.degrees, own_errors_rad)),
+            yaw_within_2_sigma=yaw_within_2_sigma,
+            times_plain=times_plain if subject == ALL else None,
         )
+        rows.append(row)
     return rows

@@ -1,6 +1,7 @@
 """Recorded runs as sequences of holds with their yaw, and chains of a person's runs."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -8,6 +9,7 @@ from itertools import permutations
 import numpy as np
 
 from pointit.geometry import rotation, vector
+from pointit.geometry.array_types import Array
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
@@ -45,12 +47,8 @@ class CourseHold:
         if rest is not None:
             later_ns = round(later_s * NS_PER_S)
             rest = replace(rest, stamp_ns=rest.stamp_ns + later_ns)
-        return replace(
-            self,
-            at_s=self.at_s + later_s,
-            direction_h=vector.rotate_z(self.direction_h, -yaw_rad),
-            rest=rest,
-        )
+        direction_h = vector.rotate_z(self.direction_h, -yaw_rad)
+        return replace(self, at_s=self.at_s + later_s, direction_h=direction_h, rest=rest)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,30 +68,31 @@ class HoldSequence:
 def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
     """Return the runs: the heading was measured again whenever the first target was repeated."""
     runs: list[HoldSequence] = []
-    held: list[CourseHold] = []
+    holds: list[CourseHold] = []
     seen: set[str] = set()
     subject = ""
     for trial in trials:
-        if trial.subject != subject or trial.target_id in seen:
-            if held:
-                runs.append(HoldSequence(subject=subject, holds=tuple(held)))
-            held = []
+        is_new_run = trial.subject != subject or trial.target_id in seen
+        if is_new_run:
+            if holds:
+                runs.append(HoldSequence(subject=subject, holds=tuple(holds)))
+            holds = []
             seen.clear()
             subject = trial.subject
         seen.add(trial.target_id)
         hold = _hold(trial)
         if hold is not None:
-            held.append(hold)
-    if held:
-        runs.append(HoldSequence(subject=subject, holds=tuple(held)))
+            holds.append(hold)
+    if holds:
+        runs.append(HoldSequence(subject=subject, holds=tuple(holds)))
     return runs
 
 
 def chained(sequences: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
     """Yield each person's runs joined in every order of the first `MAX_CHAINED`."""
-    people: dict[str, list[HoldSequence]] = {}
+    people = defaultdict[str, list[HoldSequence]](list)
     for run in sequences:
-        people.setdefault(run.subject, []).append(run)
+        people[run.subject].append(run)
     for own_runs in people.values():
         for order in permutations(own_runs[:MAX_CHAINED]):
             yield _joined(order)
@@ -116,42 +115,34 @@ def hold_sigma_rad(sequences: Sequence[HoldSequence]) -> float:
     """Return one sigma of a hold's azimuth, from the deviation of three in a row from a constant rate."""
     beside: list[float] = []
     for run in sequences:
-        for a, b, c in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
-            share = (b.at_s - a.at_s) / (c.at_s - a.at_s)
-            step = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
-            bend = step - share * math.remainder(c.yaw_rad - a.yaw_rad, math.tau)
+        for first, middle, last in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
+            share = (middle.at_s - first.at_s) / (last.at_s - first.at_s)
+            step = math.remainder(middle.yaw_rad - first.yaw_rad, math.tau)
+            whole = math.remainder(last.yaw_rad - first.yaw_rad, math.tau)
+            bend = step - share * whole
             # standard deviation of the bend of three independent errors, of one sigma each
-            bend_sigma = math.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-            beside.append(bend / bend_sigma)
+            variance = 1.0 + share**2 + (1.0 - share) ** 2
+            beside.append(bend / math.sqrt(variance))
     if not beside:
         return 0.0
-    return MAD_TO_SIGMA * float(np.median(np.abs(beside)))
+    median = float(np.median(np.abs(beside)))
+    return MAD_TO_SIGMA * median
 
 
 def _hold(trial: FloorTrial) -> CourseHold | None:
     """Return the trial's hold without a cursor, or None if it was not recorded."""
     stretch = trial.phases.get("open_loop_hold")
-    if stretch is None or len(stretch.times_s) < 10:
+    if stretch is None:
         return None
-    level = np.hypot(stretch.points_m[:, 0], stretch.points_m[:, 1])
-    azimuths = np.unwrap(np.arctan2(stretch.points_m[:, 1], stretch.points_m[:, 0]))
-    elevations = np.arctan2(-EYE_M, level)
+    if len(stretch.times_s) < 10:
+        return None
+    x_m = stretch.points_m[:, 0]
+    y_m = stretch.points_m[:, 1]
+    azimuths = np.unwrap(np.arctan2(y_m, x_m))
+    elevations = np.arctan2(-EYE_M, np.hypot(x_m, y_m))
     # the middle of the hold, whatever single samples do
     azimuth = float(np.median(azimuths))
     elevation = float(np.median(elevations))
-
-    # a still hold shows the drift of the yaw within it
-    rest_detector = RestDetector()
-    rests: list[RestYawRate | None] = []
-    for sample_azimuth, sample_elevation, time_s in zip(azimuths, elevations, stretch.times_s, strict=True):
-        orientation = rotation.from_azimuth_elevation(float(sample_azimuth), float(sample_elevation))
-        rests.append(rest_detector.add(orientation, round(float(time_s) * NS_PER_S)))
-    rests.append(rest_detector.end())
-    first_rest = None
-    for rest in rests:
-        if rest is not None:
-            first_rest = rest
-            break
     sideways = (azimuths - azimuth) * math.cos(elevation)
     about = np.hypot(sideways, elevations - elevation)
     return CourseHold(
@@ -159,5 +150,20 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
         target_m=(*trial.target_m, 0.0),
         direction_h=vector.direction(azimuth, elevation),
         spread_rad=float(np.median(about)),
-        rest=first_rest,
+        rest=_first_rest(azimuths, elevations, stretch.times_s),
     )
+
+
+def _first_rest(azimuths: Array, elevations: Array, times_s: Array) -> RestYawRate | None:
+    """Return the first rest in a hold, which shows the drift of the yaw within it, or None."""
+    detector = RestDetector()
+    samples = zip(azimuths.tolist(), elevations.tolist(), times_s.tolist(), strict=True)
+    rests: list[RestYawRate | None] = []
+    for azimuth, elevation, time_s in samples:
+        orientation = rotation.from_azimuth_elevation(azimuth, elevation)
+        rests.append(detector.add(orientation, round(time_s * NS_PER_S)))
+    rests.append(detector.end())
+    for rest in rests:
+        if rest is not None:
+            return rest
+    return None

@@ -1,7 +1,7 @@
 """Yaw error of simulated people after three minutes of drift, with one anchor per minute (pointing.md §7)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -84,25 +84,33 @@ class DriftingPerson:
     def __init__(self, seed: int, person_model: DriftPersonModel, length_s: float) -> None:
         """Draw the person's pose and the IMU's drift for `length_s`."""
         self._rng = np.random.default_rng(seed)
-        self._ways = person_model
+        self._model = person_model
         rng = self._rng
+
+        # the rate is drawn, and walks
         steps = math.ceil(length_s / STEP_S) + 1
         walk_sigma_radps = person_model.rate_walk_radps * math.sqrt(STEP_S)
         walk = rng.normal(0.0, walk_sigma_radps, steps)
         rates = rng.normal(0.0, person_model.rate_sigma_radps) + np.cumsum(walk)
+        drifts = np.cumsum(rates) * STEP_S
         self._times = np.arange(steps + 1) * STEP_S
-        self._drifts = np.append(0.0, np.cumsum(rates) * STEP_S)
+        self._drifts = np.append(0.0, drifts)
         self._yaw_rad = float(rng.uniform(-math.pi, math.pi))
-        self.x_m, self.y_m = (float(coordinate) for coordinate in rng.uniform(-2.0, 2.0, 2))
+        x_m, y_m = rng.uniform(-2.0, 2.0, 2)
+        self.x_m = float(x_m)
+        self.y_m = float(y_m)
 
         # own generator: people stay the same with and without a leap
         rng = np.random.default_rng([seed, 1])
-        self._leap_rad = float(rng.uniform(*LEAP_RAD) * rng.choice((-1.0, 1.0)))
+        leap_rad = rng.uniform(*LEAP_RAD)
+        side = rng.choice((-1.0, 1.0))
+        self._leap_rad = float(leap_rad * side)
         self._leap_s = math.inf
         if person_model.leap == "at rest":
             anchor_s = rng.choice(ANCHORS_S)
             rest_share = rng.uniform(0.1, 0.9)
-            self._leap_s = float(anchor_s - REST_PAUSE_S - rest_share * person_model.rest_s)
+            before_end_s = rest_share * person_model.rest_s
+            self._leap_s = float(anchor_s - REST_PAUSE_S - before_end_s)
         elif person_model.leap == "after the last anchor":
             self._leap_s = float(rng.uniform(ANCHORS_S[1], LEARNING_S))
         elif person_model.leap:
@@ -116,13 +124,13 @@ class DriftingPerson:
 
     def fix(self) -> Fix:
         """Return the localization at 0 s."""
-        person_model = self._ways
-        sigmas = np.array(
-            [person_model.place_sigma_m, person_model.place_sigma_m, person_model.start_sigma_rad]
-        )
+        model = self._model
+        sigmas = np.array([model.place_sigma_m, model.place_sigma_m, model.start_sigma_rad])
         truth = np.array([self.x_m, self.y_m, self.yaw_rad(0.0)])
-        x, y, yaw = truth + sigmas * self._rng.standard_normal(3)
-        return Fix(x_m=x, y_m=y, yaw_rad=yaw, covariance=np.diag(sigmas**2), stamp_ns=0)
+        errors = sigmas * self._rng.standard_normal(3)
+        x, y, yaw = truth + errors
+        covariance = np.diag(sigmas**2)
+        return Fix(x_m=x, y_m=y, yaw_rad=yaw, covariance=covariance, stamp_ns=0)
 
     def pointing(self, at_s: float, beside_rad: float = 0.0) -> tuple[Vec3, Vec3]:
         """Return a lamp ({W}) around the person, and the ray ({H}) that points at it.
@@ -131,53 +139,68 @@ class DriftingPerson:
             at_s: time of the pointing.
             beside_rad: additional error to the left.
         """
-        person_model = self._ways
+        model = self._model
         rng = self._rng
+
+        # a lamp anywhere around
         around = rng.uniform(-math.pi, math.pi)
         away = rng.uniform(1.5, 4.0)
         high = rng.uniform(0.0, 1.2)
         x_m = self.x_m + away * math.cos(around)
         y_m = self.y_m + away * math.sin(around)
         target = (x_m, y_m, high)
-        azimuth = around + rng.normal(0.0, person_model.azimuth_sigma_rad) + beside_rad
-        if rng.random() < person_model.bent_arm_share:
-            bend_rad = rng.uniform(*person_model.bent_arm_rad)
+
+        # the ray, with the error of a hold, and sometimes of a bent arm
+        azimuth = around + rng.normal(0.0, model.azimuth_sigma_rad) + beside_rad
+        if rng.random() < model.bent_arm_share:
+            bend_rad = rng.uniform(*model.bent_arm_rad)
             side = 1.0 if rng.random() < 0.5 else -1.0
             azimuth += bend_rad * side
-        true_elevation = math.atan2(high - person_model.eye_m, away)
-        elevation = true_elevation + rng.normal(0.0, person_model.elevation_sigma_rad)
-        return target, vector.direction(azimuth - self.yaw_rad(at_s), elevation)
+        true_elevation = math.atan2(high - model.eye_m, away)
+        elevation = true_elevation + rng.normal(0.0, model.elevation_sigma_rad)
+        azimuth_h = azimuth - self.yaw_rad(at_s)
+        return target, vector.direction(azimuth_h, elevation)
 
     def rest(self, from_s: float) -> list[tuple[rotation.Quaternion, int]]:
         """Return the IMU's samples from `from_s` on, while the arm hangs down: orientation and time in ns."""
-        person_model = self._ways
-        count = round(person_model.rest_s * person_model.rest_hz)
-        times = from_s + np.arange(count) / person_model.rest_hz
-        yaw = self._wander(len(times), person_model.hold_yaw_sigma_rad)
-        pitch = self._wander(len(times), person_model.hold_pitch_sigma_rad)
-        noise = self._rng.normal(0.0, person_model.noise_rad, (2, len(times)))
+        model = self._model
+        count = round(model.rest_s * model.rest_hz)
+        times = from_s + np.arange(count) / model.rest_hz
+
+        # how the arm moves, and the sensor's noise
+        yaw = self._wander(count, model.hold_yaw_sigma_rad)
+        pitch = self._wander(count, model.hold_pitch_sigma_rad)
+        yaw_noise, pitch_noise = self._rng.normal(0.0, model.noise_rad, (2, count))
+        yaw_errors = yaw + yaw_noise
+        pitch_errors = pitch + pitch_noise
+
+        # where it faces, and what the IMU makes of it
         facing = float(self._rng.uniform(-math.pi, math.pi)) - self._yaw_rad
-        has_leaped = times > self._leap_s
-        drifts = np.interp(times, self._times, self._drifts) - self._leap_rad * has_leaped
-        yaw_noise = yaw + noise[0]
-        pitch_noise = pitch + noise[1]
+        leaps = self._leap_rad * (times > self._leap_s)
+        drifts = np.interp(times, self._times, self._drifts) - leaps
         samples: list[tuple[rotation.Quaternion, int]] = []
-        for time_s, drift, yaw_error, pitch_error in zip(times, drifts, yaw_noise, pitch_noise, strict=True):
+        for time_s, drift, yaw_error, pitch_error in zip(
+            times, drifts, yaw_errors, pitch_errors, strict=True
+        ):
             azimuth = float(facing + drift + yaw_error)
-            orientation = rotation.from_azimuth_elevation(azimuth, float(pitch_error) - 1.4)
-            samples.append((orientation, round(float(time_s) * NS_PER_S)))
+            elevation = float(pitch_error) - 1.4
+            orientation = rotation.from_azimuth_elevation(azimuth, elevation)
+            time_ns = round(float(time_s) * NS_PER_S)
+            samples.append((orientation, time_ns))
         return samples
 
     def _wander(self, count: int, sigma_rad: float) -> Array:
         """Return a random walk with the correlation of people who hold still (Ornstein and Uhlenbeck)."""
-        stays = math.exp(-1.0 / (self._ways.rest_hz * self._ways.correlation_s))
-        kicks = self._rng.normal(0.0, sigma_rad * math.sqrt(1.0 - stays**2), count)
+        samples = self._model.rest_hz * self._model.correlation_s
+        stays = math.exp(-1.0 / samples)
+        kick_sigma_rad = sigma_rad * math.sqrt(1.0 - stays**2)
+        kicks = self._rng.normal(0.0, kick_sigma_rad, count)
         kicks[0] = self._rng.normal(0.0, sigma_rad)
         walk = np.empty(count)
         value = 0.0
-        for i in range(count):
-            value = stays * value + float(kicks[i])
-            walk[i] = value
+        for index, kick in enumerate(kicks.tolist()):
+            value = stays * value + kick
+            walk[index] = value
         return walk
 
 
@@ -186,33 +209,48 @@ def simulated_rows(people: int, person_model: DriftPersonModel | None = None) ->
     if person_model is None:
         person_model = DriftPersonModel()
     rows: list[Row] = []
+    for condition in _conditions(person_model):
+        outcomes: list[Outcome] = []
+        for seed in range(people):
+            outcomes.append(outcome(seed, condition.model, condition.anchors_s, condition.beside_rad))
+        rows += [_solver_row(condition.name, solver, outcomes) for solver in outcomes[0]]
+        # no estimate without rests can be better
+        sigma_rad = bound_rad(condition.model, condition.anchors_s)
+        rows.append(normal_row(NAME, condition.name, "bound", people, sigma_rad))
+    return rows
+
+
+@dataclass(frozen=True)
+class _DriftCondition:
+    name: str
+    anchors_s: Sequence[float]
+    model: DriftPersonModel
+    beside_rad: float = 0.0
+    """Error of the second anchor."""
+
+
+def _conditions(model: DriftPersonModel) -> list[_DriftCondition]:
+    """Return the conditions of the table, in its order."""
     after_s = (*ANCHORS_S, LEARNING_S)
-    quiet = replace(person_model, rate_sigma_radps=math.radians(0.02))
-    scattering = replace(person_model, azimuth_sigma_rad=math.radians(5.0))
-    # name, times of the anchors, model, error of the second anchor
+    quiet = replace(model, rate_sigma_radps=math.radians(0.02))
+    scattering = replace(model, azimuth_sigma_rad=math.radians(5.0))
     conditions = [
-        (USUAL, ANCHORS_S, person_model, 0.0),
-        (f"{USUAL}, after it", after_s, person_model, 0.0),
-        (f"{USUAL}, 5° scatter", ANCHORS_S, scattering, 0.0),
-        (f"{USUAL}, quiet IMU", ANCHORS_S, quiet, 0.0),
-        (WRONG_ANCHOR, ANCHORS_S, person_model, BESIDE_RAD),
-        (f"{WRONG_ANCHOR}, after it", after_s, person_model, BESIDE_RAD),
+        _DriftCondition(USUAL, ANCHORS_S, model),
+        _DriftCondition(f"{USUAL}, after it", after_s, model),
+        _DriftCondition(f"{USUAL}, 5° scatter", ANCHORS_S, scattering),
+        _DriftCondition(f"{USUAL}, quiet IMU", ANCHORS_S, quiet),
+        _DriftCondition(WRONG_ANCHOR, ANCHORS_S, model, BESIDE_RAD),
+        _DriftCondition(f"{WRONG_ANCHOR}, after it", after_s, model, BESIDE_RAD),
     ]
     for leap in get_args(Leap)[1:]:
-        leaping = replace(person_model, leap=leap)
+        leaping = replace(model, leap=leap)
         quiet_leaping = replace(quiet, leap=leap)
         conditions += [
-            (f"{USUAL}, leap {leap}", ANCHORS_S, leaping, 0.0),
-            (f"{USUAL}, leap {leap}, after it", after_s, leaping, 0.0),
-            (f"{USUAL}, quiet IMU, leap {leap}", ANCHORS_S, quiet_leaping, 0.0),
+            _DriftCondition(f"{USUAL}, leap {leap}", ANCHORS_S, leaping),
+            _DriftCondition(f"{USUAL}, leap {leap}, after it", after_s, leaping),
+            _DriftCondition(f"{USUAL}, quiet IMU, leap {leap}", ANCHORS_S, quiet_leaping),
         ]
-    for condition, anchors_s, own_model, beside_rad in conditions:
-        outcomes = [outcome(seed, own_model, anchors_s, beside_rad) for seed in range(people)]
-        rows += [_solver_row(condition, solver, outcomes) for solver in outcomes[0]]
-        # no estimate without rests can be better
-        sigma_rad = bound_rad(own_model, anchors_s)
-        rows.append(normal_row(NAME, condition, "bound", people, sigma_rad))
-    return rows
+    return conditions
 
 
 def _solver_row(condition: str, solver: str, outcomes: Sequence[Outcome]) -> Row:
@@ -222,14 +260,17 @@ def _solver_row(condition: str, solver: str, outcomes: Sequence[Outcome]) -> Row
         error_rad, sigma_rad = person_outcome[solver]
         errors_rad.append(error_rad)
         if sigma_rad is not None:
-            within.append(abs(error_rad) <= 2.0 * sigma_rad)
+            is_within = abs(error_rad) <= 2.0 * sigma_rad
+            within.append(is_within)
+    yaw_within_2_sigma = None
+    if within:
+        yaw_within_2_sigma = float(np.mean(within))
 
     times_plain = None
     if solver != PLAIN:
         names = [str(seed) for seed in range(len(outcomes))]
         plain_errors_rad = [person_outcome[PLAIN][0] for person_outcome in outcomes]
         times_plain = ratios(names, errors_rad, plain_errors_rad)
-    yaw_within_2_sigma = float(np.mean(within)) if within else None
     return Row(
         set=NAME,
         subject=ALL,
@@ -261,15 +302,8 @@ def outcome(
     anchors = [(0.0, fix.yaw_rad)]
     for number, at_s in enumerate(anchors_s):
         # a rest before each anchor, which only one of the filters knows
-        rest_detector = RestDetector()
-        samples = person.rest(at_s - person_model.rest_s - REST_PAUSE_S)
-        rests = [rest_detector.add(*sample) for sample in samples]
-        rests.append(rest_detector.end())
-        for rest in rests:
-            if rest is not None:
-                rested.update_rest_rate(
-                    rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
-                )
+        rest_start_s = at_s - person_model.rest_s - REST_PAUSE_S
+        _rest(rested, person.rest(rest_start_s))
 
         # the anchor, which both know
         beside_rad = jump_rad if number == 1 else 0.0
@@ -277,29 +311,48 @@ def outcome(
         at_ns = round(at_s * NS_PER_S)
         for drift in (plain, rested):
             drift.update_anchor(at_ns, target, eyes_m, direction, spread_rad=person_model.hold_yaw_sigma_rad)
-        seen = vector.azimuth((target[0] - fix.x_m, target[1] - fix.y_m, 0.0))
-        anchors.append((at_s, seen - vector.azimuth(direction)))
+        x_m, y_m, _ = target
+        seen = vector.azimuth((x_m - fix.x_m, y_m - fix.y_m, 0.0))
+        yaw_rad = seen - vector.azimuth(direction)
+        anchors.append((at_s, yaw_rad))
 
     # predictions of the yaw later
     learning_ns = round(LEARNING_S * NS_PER_S)
     pose = plain.predict(learning_ns)
     rested_pose = rested.predict(learning_ns)
-    first_s, first = anchors[0]
-    last_s, last = anchors[-1]
-    rate = math.remainder(last - first, math.tau) / (last_s - first_s)
-    extrapolated = last + rate * (LEARNING_S - last_s)
-    truth = person.yaw_rad(LEARNING_S)
     yaws: Outcome = {
-        "raw": (first, None),
-        "re-anchored": (last, None),
-        "re-anchored, constant rate": (extrapolated, None),
+        "raw": (anchors[0][1], None),
+        "re-anchored": (anchors[-1][1], None),
+        "re-anchored, constant rate": (_extrapolated(anchors), None),
         "pointit": (pose.yaw_rad, pose.yaw_sigma_rad),
         "pointit, rests": (rested_pose.yaw_rad, rested_pose.yaw_sigma_rad),
     }
+    truth = person.yaw_rad(LEARNING_S)
     errors: Outcome = {}
     for solver, (yaw_rad, sigma_rad) in yaws.items():
         errors[solver] = (_wrap(yaw_rad - truth), sigma_rad)
     return errors
+
+
+def _rest(drift: DriftFilter, samples: Iterable[tuple[rotation.Quaternion, int]]) -> None:
+    """Update `drift` by the rests that are detected in `samples`."""
+    detector = RestDetector()
+    rests = [detector.add(orientation, time_ns) for orientation, time_ns in samples]
+    rests.append(detector.end())
+    for rest in rests:
+        if rest is not None:
+            drift.update_rest_rate(
+                rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
+            )
+
+
+def _extrapolated(anchors: Sequence[tuple[float, float]]) -> float:
+    """Return the yaw at `LEARNING_S` by the mean rate between the first anchor and the last (time, yaw)."""
+    first_s, first_rad = anchors[0]
+    last_s, last_rad = anchors[-1]
+    turned_rad = math.remainder(last_rad - first_rad, math.tau)
+    rate_radps = turned_rad / (last_s - first_s)
+    return last_rad + rate_radps * (LEARNING_S - last_s)
 
 
 def bound_rad(person_model: DriftPersonModel, anchors_s: Sequence[float]) -> float:
@@ -314,20 +367,15 @@ def bound_rad(person_model: DriftPersonModel, anchors_s: Sequence[float]) -> flo
         slope = np.array([1.0, at_s])
         information += np.outer(slope, slope) / person_model.azimuth_sigma_rad**2
     slope = np.array([1.0, LEARNING_S])
-    return math.sqrt(float(slope @ np.linalg.solve(information, slope)))
+    variance = float(slope @ np.linalg.solve(information, slope))
+    return math.sqrt(variance)
 
 
 def normal_row(name: str, condition: str, solver: str, n: int, sigma_rad: float) -> Row:
     """Return the row of errors that are normal with `sigma_rad`."""
     sigma = math.degrees(sigma_rad)
-    return Row(
-        set=name,
-        subject=ALL,
-        condition=condition,
-        solver=solver,
-        n=n,
-        yaw_deg=MetricSpread(median=NORMAL_MEDIAN * sigma, p90=NORMAL_P90 * sigma, rms=sigma),
-    )
+    spread = MetricSpread(median=NORMAL_MEDIAN * sigma, p90=NORMAL_P90 * sigma, rms=sigma)
+    return Row(set=name, subject=ALL, condition=condition, solver=solver, n=n, yaw_deg=spread)
 
 
 def _wrap(angle_rad: float) -> float:

@@ -58,9 +58,8 @@ def recordings_folder(data: Path | None) -> Path:
         return inner if inner.is_dir() else data
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(
-            f"{shown_path(data)}: cannot be accessed ({reason}); give --data DIR with the recordings"
-        ) from error
+        problem = f"cannot be accessed ({reason})"
+        raise ConfigError(f"{shown_path(data)}: {problem}; give --data DIR with the recordings") from error
 
 
 def read_index(folder: Path) -> list[Entry]:
@@ -74,7 +73,8 @@ def read_index(folder: Path) -> list[Entry]:
     try:
         raw = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        reason = error.strerror or error
+        raise ConfigError(f"{path}: cannot be read ({reason})") from error
 
     # a list, or an object with such a list
     try:
@@ -84,9 +84,8 @@ def read_index(folder: Path) -> list[Entry]:
         else:
             entries = _ENTRIES.validate_json(raw)
     except ValidationError as error:
-        raise ConfigError(
-            f"{path}: a list of objects, one a file, was expected; {summarize_validation_error(error)}"
-        ) from error
+        problem = summarize_validation_error(error)
+        raise ConfigError(f"{path}: a list of objects, one a file, was expected; {problem}") from error
     except ValueError as error:  # numbers with thousands of digits
         raise ConfigError(f"{path}: a value in it cannot be shown ({error}); correct the index") from error
 
@@ -109,13 +108,14 @@ def text_of(folder: Path, entry: Entry, key: str) -> str:
         ConfigError: If it is missing, empty, too long or not printable.
     """
     value = entry.get(key)
+    where = _where(folder, entry, key)
     # a subject may be a number; Python does not format one of thousands of digits
     is_integer = isinstance(value, int) and not isinstance(value, bool)
     if is_integer and abs(value) < 10**15:
         value = str(value)
     if not isinstance(value, str):
-        raise ConfigError(f"{_where(folder, entry, key)}: a text was expected, got {truncate(value)}")
-    return check_text(_where(folder, entry, key), value)
+        raise ConfigError(f"{where}: a text was expected, got {truncate(value)}")
+    return check_text(where, value)
 
 
 def file_of(folder: Path, entry: Entry) -> Path | None:
@@ -125,10 +125,10 @@ def file_of(folder: Path, entry: Entry) -> Path | None:
         ConfigError: If the name is not a text, leads out of `folder`, or is not that of a file.
     """
     name = text_of(folder, entry, "file")
-    if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise ConfigError(
-            f"{folder / INDEX}, 'file': {truncate(name)} leads out of the folder; name a file in {folder}"
-        )
+    leads_out = Path(name).is_absolute() or ".." in Path(name).parts
+    if leads_out:
+        problem = f"{truncate(name)} leads out of the folder"
+        raise ConfigError(f"{folder / INDEX}, 'file': {problem}; name a file in {folder}")
     path = folder / name
     return path if is_file(path) else None
 
@@ -146,10 +146,8 @@ def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float],
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     # compared before it is converted: an integer may be beyond any float
     if not is_number or not lower <= value <= upper:
-        raise ConfigError(
-            f"{_where(folder, entry, key)}: a number from {lower:g} to {upper:g} {unit} was expected, "
-            f"got {truncate(value)}"
-        )
+        expected = f"a number from {lower:g} to {upper:g} {unit} was expected"
+        raise ConfigError(f"{_where(folder, entry, key)}: {expected}, got {truncate(value)}")
     return float(value)
 
 
@@ -159,10 +157,11 @@ def yaw_of(folder: Path, entry: Entry) -> float | None:
     Raises:
         ConfigError: If it is not a number, or more than two turns.
     """
-    degrees = number_of(
-        folder, entry, "ref_yaw_deg_human_minus_world", (-MAX_YAW_DEG, MAX_YAW_DEG), "degrees"
-    )
-    return None if degrees is None else math.remainder(-math.radians(degrees), math.tau)
+    bounds = (-MAX_YAW_DEG, MAX_YAW_DEG)
+    degrees = number_of(folder, entry, "ref_yaw_deg_human_minus_world", bounds, "degrees")
+    if degrees is None:
+        return None
+    return math.remainder(-math.radians(degrees), math.tau)
 
 
 def eye_height_of(folder: Path, entry: Entry) -> float | None:
@@ -176,6 +175,8 @@ def eye_height_of(folder: Path, entry: Entry) -> float | None:
 
 def _where(folder: Path, entry: Entry, key: str) -> str:
     name = entry.get("file", "an entry")
-    is_short = isinstance(name, str) and name.isprintable() and len(name) <= 60
-    label = name if is_short else truncate(name)
+    label = truncate(name)
+    # a plain name needs no quotes
+    if isinstance(name, str) and name.isprintable():
+        label = name if len(name) <= 60 else label
     return f"{folder / INDEX}, {label}, {key!r}"

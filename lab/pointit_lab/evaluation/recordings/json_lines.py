@@ -40,12 +40,13 @@ def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
                 try:
                     yield line, kind.model_validate_json(text)
                 except ValidationError as error:
+                    problem = summarize_validation_error(error)
                     raise ConfigError(
-                        f"{path}, line {line}: {summarize_validation_error(error)}; "
-                        "correct the line, or take it out"
+                        f"{path}, line {line}: {problem}; correct the line, or take it out"
                     ) from error
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        reason = error.strerror or error
+        raise ConfigError(f"{path}: cannot be read ({reason})") from error
     if not number:
         raise ConfigError(f"{path}: has no lines; one JSON object per line was expected")
 
@@ -58,7 +59,5 @@ def check_samples(path: Path, line: int, times_s: tuple[float, ...]) -> None:
     """
     for before_s, after_s in pairwise(times_s):
         if after_s < before_s:
-            raise ConfigError(
-                f"{path}, line {line}: t: time goes backwards, {after_s:g} after {before_s:g}; "
-                "take the line out"
-            )
+            problem = f"time goes backwards, {after_s:g} after {before_s:g}"
+            raise ConfigError(f"{path}, line {line}: t: {problem}; take the line out")

@@ -51,9 +51,8 @@ def map_in_order(
     tick(0, len(pieces))
 
     # lazily, in this process or in others: `tick` is called as chunks are finished
-    is_alone = jobs == 1 or len(chunks) < 2
     numbered_results: Iterable[tuple[int, list[Result]]]
-    if is_alone:
+    if jobs == 1 or len(chunks) < 2:
         numbered_results = enumerate(map(work_all, chunks))
     else:
         numbered_results = map_parallel(work_all, chunks, jobs)
@@ -90,7 +89,9 @@ def map_parallel(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    # spawned: a fork of a process with threads may hang
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
     others = multiprocessing.active_children()
     finished = False
     try:
@@ -147,7 +148,9 @@ def _for_children() -> Generator[None]:
     os.environ.update(_ONE_THREAD)
     # only the main thread may set handlers, and only it receives Ctrl-C
     is_main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if is_main else None
+    handler = None
+    if is_main:
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import math
 import stat
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,12 +48,15 @@ class Table:
 
     def vectors(self, *names: str) -> Array:
         """Return the columns `names` side by side, n x k."""
-        return np.stack([self.numbers[name] for name in names], axis=1)
+        columns = [self.numbers[name] for name in names]
+        return np.stack(columns, axis=1)
 
     def only(self, rows: Sequence[int]) -> "Table":
         """Return the table of these `rows`."""
         lines = [self.lines[row] for row in rows]
-        numbers = {name: values[rows] for name, values in self.numbers.items()}
+        numbers: dict[str, Array] = {}
+        for name, values in self.numbers.items():
+            numbers[name] = values[rows]
         texts: dict[str, list[str]] = {}
         for name, values in self.texts.items():
             texts[name] = [values[row] for row in rows]
@@ -60,15 +64,16 @@ class Table:
 
     def rows_by(self, *names: str) -> dict[tuple[str, ...], list[int]]:
         """Return the rows that have the same texts in the columns `names`, in the order of the file."""
-        groups: dict[tuple[str, ...], list[int]] = {}
+        groups = defaultdict[tuple[str, ...], list[int]](list)
         columns = [self.texts[name] for name in names]
         for row, key in enumerate(zip(*columns, strict=True)):
-            groups.setdefault(key, []).append(row)
-        return groups
+            groups[key].append(row)
+        return dict(groups)
 
     def refuse(self, row: int, quantity: str) -> ConfigError:
         """Return the error for `row`; `quantity` names column, value and remedy."""
-        return ConfigError(f"{self.path}, line {self.lines[row]}, {quantity}")
+        line = self.lines[row]
+        return ConfigError(f"{self.path}, line {line}, {quantity}")
 
 
 def is_file(path: Path) -> bool:
@@ -136,12 +141,10 @@ def check_text(where: str, name: str) -> str:
     Raises:
         ConfigError: If it is empty, too long, not printable, or a subject with the reserved name.
     """
-    is_readable = 0 < len(name) <= MAX_CHARACTERS and name.isprintable()
-    if not is_readable:
-        raise ConfigError(
-            f"{where}: a text of 1 to {MAX_CHARACTERS} printable characters was expected, "
-            f"got {truncate(name)}"
-        )
+    is_short = 0 < len(name) <= MAX_CHARACTERS
+    if not is_short or not name.isprintable():
+        expected = f"a text of 1 to {MAX_CHARACTERS} printable characters"
+        raise ConfigError(f"{where}: {expected} was expected, got {truncate(name)}")
     if name == RESERVED and where.endswith("'subject'"):
         raise ConfigError(f"{where}: {name!r} is reserved for all subjects; choose another name")
     return name
@@ -172,7 +175,8 @@ def read_table(
             numbered_rows = ((reader.line_num, row) for row in reader)
             lines, cells = _rows(path, header, columns, numbered_rows)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        reason = error.strerror or error
+        raise ConfigError(f"{path}: cannot be read ({reason})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
     if not lines:
@@ -180,11 +184,11 @@ def read_table(
         raise ConfigError(f"{path}, line {last_line}: there is a header but no rows")
 
     # the table names the line of a cell that is no number
-    empty_numbers: dict[str, Array] = {name: np.empty(0) for name in numbers}
     text_cells = {name: cells[name] for name in texts}
-    table = Table(path=path, lines=lines, numbers=empty_numbers, texts=text_cells)
+    table = Table(path=path, lines=lines, numbers={}, texts=text_cells)
     for name in numbers:
-        table.numbers[name] = _numbers(table, name, cells[name], may_be_empty=name in gaps)
+        may_be_empty = name in gaps
+        table.numbers[name] = _numbers(table, name, cells[name], may_be_empty=may_be_empty)
 
     # each text is checked once, at its first line: most are repeated thousands of times
     for name, values in table.texts.items():
@@ -199,16 +203,13 @@ def read_table(
 def _columns(path: Path, header: Sequence[str], names: Sequence[str]) -> dict[str, int]:
     """Return the indices of the columns `names`."""
     if len(header) > MAX_COLUMNS:
-        raise ConfigError(
-            f"{path}, line 1: has {len(header)} columns, and at most {MAX_COLUMNS} were expected; "
-            "is it a table with a header?"
-        )
+        problem = f"has {len(header)} columns, and at most {MAX_COLUMNS} were expected"
+        raise ConfigError(f"{path}, line 1: {problem}; is it a table with a header?")
     for name in names:
         if header.count(name) != 1:
-            present = ", ".join(truncate(column) for column in header[:40])
-            raise ConfigError(
-                f"{path}, line 1: one column {name!r} was expected, found {present or 'nothing'}"
-            )
+            names_shown = [truncate(column) for column in header[:40]]
+            present = ", ".join(names_shown) or "nothing"
+            raise ConfigError(f"{path}, line 1: one column {name!r} was expected, found {present}")
     return {name: header.index(name) for name in names}
 
 
@@ -218,16 +219,17 @@ def _rows(
     """Return line numbers and cells of the `columns`, given with their indices, without empty lines."""
     lines: list[int] = []
     cells: dict[str, list[str]] = {name: [] for name in columns}
+    width = len(header)
     for line, row in rows:
         if not row:
             continue
         # spreadsheets append empty cells
-        surplus = row[len(header) :]
-        is_cut_off = len(row) < len(header)
+        surplus = row[width:]
+        is_cut_off = len(row) < width
         if is_cut_off or any(map(str.strip, surplus)):
+            problem = f"{width} cells were expected, as in the header, got {len(row)}"
             raise ConfigError(
-                f"{path}, line {line}: {len(header)} cells were expected, as in the header, got {len(row)}; "
-                "is the line cut off, or are there decimal commas?"
+                f"{path}, line {line}: {problem}; is the line cut off, or are there decimal commas?"
             )
         lines.append(line)
         for name, index in columns.items():
@@ -247,9 +249,6 @@ def _numbers(table: Table, name: str, cells: Sequence[str], *, may_be_empty: boo
                 values[row] = float(text)
         # "not": NaN is no number either
         if not abs(values[row]) <= FARTHEST:
-            raise table.refuse(
-                row,
-                f"column {name!r}: a number was expected, within {FARTHEST:g} either way, "
-                f"got {truncate(text)}",
-            )
+            expected = f"a number was expected, within {FARTHEST:g} either way"
+            raise table.refuse(row, f"column {name!r}: {expected}, got {truncate(text)}")
     return values

@@ -65,7 +65,8 @@ class Carousel:
         strips = np.searchsorted(self._starts_m, around_m, side="right") - 1
         objects: list[TrackedObject] = []
         for index, strip in enumerate(strips.tolist()):
-            position_m = float(around_m[index] - self._starts_m[strip])
+            start_m = self._starts_m[strip]
+            position_m = float(around_m[index] - start_m)
             objects.append(self._object(index, strip, position_m))
         return TrackedObjects(stamp_ns=now_ns, seq=self._seq, objects=tuple(objects))
 

@@ -1,5 +1,6 @@
 """Paired differences between selection methods, with confidence intervals, and the resulting claims."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
@@ -57,10 +58,8 @@ class Difference:
     def claims(self) -> list[str]:
         """Return the significant differences in words."""
         sentences: list[str] = []
-        for interval, less, more in (
-            (self.errors, "errs less", "errs more"),
-            (self.time_s, "is faster", "is slower"),
-        ):
+        claims = ((self.errors, "errs less", "errs more"), (self.time_s, "is faster", "is slower"))
+        for interval, less, more in claims:
             if interval is not None and interval.excludes_zero:
                 claim = less if interval.value < 0.0 else more
                 sentences.append(f"{self.method} {claim}")
@@ -78,11 +77,10 @@ def differences_of(groups: Groups) -> list[Difference]:
     both methods. All intervals of a run hold together with probability 1 - `SIGNIFICANCE` (Bonferroni).
     Conditions with fewer than `FEWEST` trials are left out.
     """
-    by_condition: dict[Condition, dict[str, Sequence[Score]]] = {}
+    by_condition = defaultdict[Condition, dict[str, Sequence[Score]]](dict)
     for (condition, method), scores in groups.items():
         if len(scores) >= FEWEST:
-            scores_by_method = by_condition.setdefault(condition, {})
-            scores_by_method[method] = scores
+            by_condition[condition][method] = scores
     pairs: list[tuple[Condition, tuple[str, str]]] = []
     for condition, scores_by_method in by_condition.items():
         for pair in combinations(scores_by_method, 2):
@@ -97,17 +95,16 @@ def differences_of(groups: Groups) -> list[Difference]:
         mine = _sums(scores_by_method[method])
         others = _sums(scores_by_method[other])
         errors, time_s = _intervals(mine, others, tail)
-        differences.append(
-            Difference(
-                bench=condition.bench,
-                condition=condition.name,
-                method=method,
-                other=other,
-                trials=len(mine),
-                errors=errors,
-                time_s=time_s,
-            )
+        difference = Difference(
+            bench=condition.bench,
+            condition=condition.name,
+            method=method,
+            other=other,
+            trials=len(mine),
+            errors=errors,
+            time_s=time_s,
         )
+        differences.append(difference)
     return differences
 
 
@@ -116,15 +113,18 @@ def _sums(scores: Sequence[Score]) -> Array:
     sums: list[tuple[float, ...]] = []
     for score in scores:
         errors = score.wrong + score.missed
-        sums.append((errors, score.targets, sum(score.took_s), len(score.took_s)))
+        total_s = sum(score.took_s)
+        sums.append((errors, score.targets, total_s, len(score.took_s)))
     return np.array(sums, dtype=np.float64)
 
 
 def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Interval | None]:
+    """Return the intervals of the differences of `_differences`; None for times if a resample has none."""
     # a resample in chunks, which bounds the memory, with enough draws beyond each tail
     count = len(mine)
     rng = np.random.default_rng(count)
-    chunks = max(2, int(np.ceil(TAIL / tail / CHUNK)))
+    draws = TAIL / tail
+    chunks = max(2, int(np.ceil(draws / CHUNK)))
     shares = np.full(count, 1.0 / count)
     drawn_chunks: list[Array] = []
     for _ in range(chunks):
@@ -132,24 +132,29 @@ def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Inter
         drawn_chunks.append(_differences(weights, mine, others))
     drawn = np.concatenate(drawn_chunks)
 
-    values = _differences(np.ones((1, count)), mine, others)[0].tolist()
+    # the values are those of each trial once
+    once = np.ones((1, count))
+    values = _differences(once, mine, others)[0]
     intervals: list[Interval] = []
-    for value, resampled in zip(values, drawn.T, strict=True):
+    for value, resampled in zip(values.tolist(), drawn.T, strict=True):
         low = float(np.quantile(resampled, tail))
         high = float(np.quantile(resampled, 1.0 - tail))
         intervals.append(Interval(value=value, low=low, high=high))
+    errors, time_s = intervals
     has_times = bool(np.isfinite(drawn).all())
-    return intervals[0], intervals[1] if has_times else None
+    return errors, time_s if has_times else None
 
 
 def _differences(weights: NDArray[np.integer] | Array, mine: Array, others: Array) -> Array:
     """Return k x 2, of k resamples: differences of the share of errors and of the mean time."""
-    a = weights @ mine
-    b = weights @ others
+    own_sums = weights @ mine
+    other_sums = weights @ others
     # a resample may have no time at all
     with np.errstate(divide="ignore", invalid="ignore"):
-        own_errors = a[:, 0] / a[:, 1]
-        own_times_s = a[:, 2] / a[:, 3]
-        other_errors = b[:, 0] / b[:, 1]
-        other_times_s = b[:, 2] / b[:, 3]
-        return np.stack([own_errors - other_errors, own_times_s - other_times_s], axis=1)
+        return _rates(own_sums) - _rates(other_sums)
+
+
+def _rates(sums: Array) -> Array:
+    """Return k x 2: errors for each target, and the mean time, of k rows of `_sums`."""
+    errors, targets, total_s, times = sums.T
+    return np.stack([errors / targets, total_s / times], axis=1)

@@ -28,11 +28,12 @@ def humans(recordings: Path | None, notes: list[str]) -> Humans:
     name = belts_lab.NAME
     if recordings is None:
         notes.append(f"no people of {name} to compare with: give --data DIR with the recordings")
-    elif not (recordings / name).is_dir():
-        notes.append(f"no people of {name} to compare with: there is no folder {recordings / name}")
-    else:
-        return _lab(recordings / name)
-    return {}
+        return {}
+    folder = recordings / name
+    if not folder.is_dir():
+        notes.append(f"no people of {name} to compare with: there is no folder {folder}")
+        return {}
+    return _lab(folder)
 
 
 def lab_figures(runs: list[belts_lab.BeltRun]) -> SelectionMetrics:
@@ -52,7 +53,8 @@ def lab_figures(runs: list[belts_lab.BeltRun]) -> SelectionMetrics:
     targets = sum(run.targets for run in runs)
     missed_rate = None
     if targets:
-        missed_rate = sum(run.missed for run in runs) / targets
+        missed = sum(run.missed for run in runs)
+        missed_rate = missed / targets
     return SelectionMetrics(
         n=len(runs),
         time_s=TimeSpread.of(completions_s),
@@ -71,7 +73,7 @@ def _intervals_s(runs: Sequence[belts_lab.BeltRun]) -> Iterator[float]:
 
 
 def _lab(folder: Path) -> Humans:
-    groups: dict[tuple[str, str], list[belts_lab.BeltRun]] = defaultdict(list)
+    groups = defaultdict[tuple[str, str], list[belts_lab.BeltRun]](list)
     for run in belts_lab.read_runs(folder):
         condition = lab_condition(run.motion, run.level, run.speed_mps)
         device = USUALLY[run.interface]

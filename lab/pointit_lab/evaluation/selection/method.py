@@ -28,22 +28,26 @@ def selector_config(name: str) -> SelectorConfig:
     base, at, seconds = name.partition("@")
     config = METHODS.get(base)
     if config is None:
-        raise ConfigError(f"--method {name}: there is no such method; there are {', '.join(METHODS)}")
+        names = ", ".join(METHODS)
+        raise ConfigError(f"--method {name}: there is no such method; there are {names}")
     if not at:
         return config
     try:
         full_s = float(seconds)
     except ValueError:
-        raise ConfigError(f"--method {name}: seconds were expected after the @, as in {base}@0.6") from None
+        expected = "seconds were expected after the @"
+        raise ConfigError(f"--method {name}: {expected}, as in {base}@0.6") from None
     # the dwell time of `gauge` is that of its filling, whose ratio between sparse and dense stays
     fields = dict(config)
     if config.method == "gauge":
         gauge = config.gauge
         share = gauge.sparse_full_s / gauge.full_s
-        fields["gauge"] = dict(gauge) | {"full_s": full_s, "sparse_full_s": share * full_s}
+        times = {"full_s": full_s, "sparse_full_s": share * full_s}
+        fields["gauge"] = dict(gauge) | times
     else:
         fields["window_s"] = full_s
     try:
         return SelectorConfig.model_validate(fields)
     except ValidationError as error:
-        raise ConfigError(f"--method {name}: {summarize_validation_error(error)}") from error
+        problem = summarize_validation_error(error)
+        raise ConfigError(f"--method {name}: {problem}") from error

@@ -109,14 +109,16 @@ class TrialRecorder:
             score.missed = score.targets - self._right_out
             score.took_s = list(self._took_s.values())
         else:
-            score.missed = score.targets - sum(self._selected.values())
+            correct = sum(self._selected.values())
+            score.missed = score.targets - correct
             if score.missed == 0 and score.right_s:
                 score.took_s = [(self._last_ns - START_NS) / NS_PER_S]
         return score
 
     @property
     def _is_complete(self) -> bool:
-        return len(self._selected) == self._score.targets and all(self._selected.values())
+        are_targets = self._selected.values()
+        return len(are_targets) == self._score.targets and all(are_targets)
 
     def _toggled(self, event: SelectionEvent, at_s: float, *, selected: bool) -> None:
         is_target = event.kind == self._stage.target_kind
@@ -159,25 +161,25 @@ def selection_rows(
         PointItError: If a process ended unexpectedly.
     """
     # the same seeds for every method
-    tasks = [
-        SelectionTrial(condition=condition, method=method, seed=seed + number)
-        for condition, method, number in product(conditions, methods, range(trials))
-    ]
+    tasks: list[SelectionTrial] = []
+    for condition, method, number in product(conditions, methods, range(trials)):
+        tasks.append(SelectionTrial(condition=condition, method=method, seed=seed + number))
     scores = map_in_order(run, tasks, jobs=jobs, chunk=CHUNK, tick=tick)
 
     # a row for each condition and method
-    groups: dict[tuple[Condition, str], list[Score]] = defaultdict(list)
+    groups = defaultdict[tuple[Condition, str], list[Score]](list)
     for task, score in zip(tasks, scores, strict=True):
         groups[task.condition, task.method].append(score)
     rows: list[SelectionTrialRow] = []
     for (condition, method), own_scores in groups.items():
         figures = figures_of(own_scores, per_package=condition.per_package)
+        human = humans.get((condition.bench, condition.name), {})
         row = SelectionTrialRow(
             bench=condition.bench,
             condition=condition.name,
             method=method,
             figures=figures,
-            human=humans.get((condition.bench, condition.name), {}),
+            human=human,
         )
         rows.append(row)
     return rows, differences_of(groups)

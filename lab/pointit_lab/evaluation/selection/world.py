@@ -135,10 +135,11 @@ class World:
         self._look_ns = START_NS
 
         # people see the map and that they may point, before the first step
+        started = Feedback(stamp_ns=START_NS, cue="started")
         for present in self._people:
             present.person.see(START_NS, environment, "")
             present.person.see(START_NS, present.profile, present.name)
-            present.person.see(START_NS, Feedback(stamp_ns=START_NS, cue="started"), present.name)
+            present.person.see(START_NS, started, present.name)
             self._lights.content.set_profile(present.name, present.profile)
             self._selecting.set_present(present.name, True, START_NS)
 
@@ -152,7 +153,8 @@ class World:
             objects = self._movers.tracked(now_ns)
             for thing in objects.objects:
                 self.entered_ns.setdefault(thing.id, now_ns)
-            self._route(self._selecting.on_objects(TRACKER, objects), events)
+            outputs = self._selecting.on_objects(TRACKER, objects)
+            self._route(outputs, events)
             self._lights.content.set_objects(TRACKER, objects, now_ns)
             for present in self._people:
                 present.person.see(now_ns, objects, TRACKER)
@@ -178,13 +180,16 @@ class World:
         sample, press = present.person.step(now_ns)
         if press is not None:
             self._route(self._selecting.on_button(present.name, press), events)
-        cursor = None if sample is None else present.cursor(sample, now_ns)
-        if cursor is not None:
-            self._lights.on_cursor(present.name, cursor, now_ns)
-            self._route(self._selecting.on_cursor(present.name, cursor), events)
-            cue = present.cue()
-            if cue is not None:
-                present.person.see(now_ns, cue, present.name)
+        if sample is None:
+            return
+        cursor = present.cursor(sample, now_ns)
+        if cursor is None:
+            return
+        self._lights.on_cursor(present.name, cursor, now_ns)
+        self._route(self._selecting.on_cursor(present.name, cursor), events)
+        cue = present.cue()
+        if cue is not None:
+            present.person.see(now_ns, cue, present.name)
 
     def _route(self, outputs: Sequence[Output], events: list[SelectionEvent]) -> None:
         """Deliver the selector's outputs to their receivers."""

@@ -26,10 +26,9 @@ MissKind = Literal["strip", "nothing"]
 RATE_HZ = 50.0
 LOST_S = 0.9
 """Time without any light after which a person tries beside."""
-SEARCH_RAD = tuple(
-    (math.radians(right), math.radians(up))
-    for right, up in ((0, 5), (0, -5), (5, 0), (-5, 0), (0, 10), (0, -10))
-)
+SEARCH_DEG = ((0, 5), (0, -5), (5, 0), (-5, 0), (0, 10), (0, -10))
+"""Directions in which a person searches, right and up."""
+SEARCH_RAD = tuple((math.radians(right), math.radians(up)) for right, up in SEARCH_DEG)
 HALFWAY = 0.6
 """Share of the way from the thing that is shown to the one that is meant by which a person corrects."""
 POSE_RAD = (math.radians(1.5), math.radians(0.7))
@@ -66,7 +65,10 @@ class ArmReach:
         self._rng = rng
         self._aim = AimConfig(elevation_bias_deg=bias_deg)
         self._arm = ArmConfig()
-        self.errors: OpenLoopError = OpenLoopError(self._aim, 0.0, rng) if begin is None else begin.errors
+        if begin is None:
+            self.errors = OpenLoopError(self._aim, 0.0, rng)
+        else:
+            self.errors = begin.errors
         self._pose = np.array([rng.normal(0.0, sigma) for sigma in POSE_RAD])
         self._at = {name: angles(vector.subtract(at_m, eyes_m)) for name, at_m in targets_m.items()}
         self._goal = goal
@@ -74,25 +76,29 @@ class ArmReach:
 
         # how still this person holds the arm
         usual_hold = np.radians([self._arm.hold_yaw_sd_deg, self._arm.hold_pitch_sd_deg])
-        self._hold = usual_hold * math.exp(rng.normal(0.0, self._arm.hold_spread))
+        stillness = math.exp(rng.normal(0.0, self._arm.hold_spread))
+        self._hold = usual_hold * stillness
         self._noise = np.zeros(2)
         self._tries = 0
 
-        # the reach: Fitts' law, with the scatter of people
+        # where it starts: drawn even if not needed, so that all else stays the same
         low = np.radians([rng.uniform(-30.0, 30.0), rng.uniform(-40.0, -20.0)])
         self.now: Vector = low if begin is None else begin.now
-        amplitude = float(np.linalg.norm(self._at[goal] - self.now))
+        self.took_s = self._reach_s()
+        self._move(0.0, self.took_s)
+        self._look_s = self.took_s + self._aim.reaction_s
+        self._lit_s = self._look_s
+        self._shown: list[tuple[float, str | None]] = []
+
+    def _reach_s(self) -> float:
+        """Return the duration of the reach by Fitts' law with the scatter of people, and draw its error."""
+        amplitude = float(np.linalg.norm(self._at[self._goal] - self.now))
         self.errors.draw(amplitude)
         width_rad = math.radians(self._arm.reach_width_deg)
         difficulty_bits = math.log2(amplitude / width_rad + 1.0)
-        took_s = self._arm.reach_base_s + self._arm.reach_per_bit_s * difficulty_bits
-        spread = math.exp(rng.normal(0.0, self._arm.reach_spread))
-        took_s *= spread * self._arm.reach_with_cursor
-        self.took_s = took_s
-        self._move(0.0, took_s)
-        self._look_s = took_s + self._aim.reaction_s
-        self._lit_s = self._look_s
-        self._shown: list[tuple[float, str | None]] = []
+        usual_s = self._arm.reach_base_s + self._arm.reach_per_bit_s * difficulty_bits
+        spread = math.exp(self._rng.normal(0.0, self._arm.reach_spread))
+        return usual_s * (spread * self._arm.reach_with_cursor)
 
     @property
     def rest(self) -> Vector:
@@ -105,13 +111,18 @@ class ArmReach:
 
     def direction(self, time_s: float) -> Vec3:
         """Return the unit direction of the ray at `time_s`."""
-        share = min(max((time_s - self._from_s) / self._took_s, 0.0), 1.0)
+        share = (time_s - self._from_s) / self._took_s
+        share = min(max(share, 0.0), 1.0)
         done = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # least jerk
+
+        # an arm that is held wanders: a first-order autoregression
         keep = math.exp(-1.0 / RATE_HZ / self._arm.hold_correlation_s)
         step = self._hold * math.sqrt(1.0 - keep * keep)
         self._noise = keep * self._noise + step * self._rng.standard_normal(2)
-        self.now = self._from + (self._to - self._from) * done + self._noise
-        return vector.direction(float(self.now[0]), float(self.now[1]))
+        course = self._from + (self._to - self._from) * done
+        self.now = course + self._noise
+        azimuth, elevation = self.now.tolist()
+        return vector.direction(azimuth, elevation)
 
     def correct(self, time_s: float) -> None:
         """Move on if the light that was seen a moment ago is not that of the goal."""
@@ -151,7 +162,8 @@ class ArmReach:
         self._from = self.now - self._noise
         self._from_s = time_s
         self._took_s = took_s
-        self._to: Vector = self._at[self._goal] + self.errors.now_rad + self._pose + self._corrected
+        aim = self._at[self._goal] + self.errors.now_rad
+        self._to: Vector = aim + self._pose + self._corrected
 
 
 def angles(sight: Vec3) -> Vector:
@@ -176,17 +188,14 @@ class ThingRow:
     def environment(self) -> Environment:
         """Return the map."""
         middle = (self.count - 1) / 2.0
+        size_m = (self.size_m, self.size_m, self.size_m)
         things: list[Thing] = []
         for index in range(self.count):
             name = f"t{index}"
             beside_m = (index - middle) * self.apart_m
-            thing = Thing(
-                id=name,
-                center_m=(self.away_m, beside_m, self.height_m),
-                size_m=(self.size_m, self.size_m, self.size_m),
-                lamp=name if self.lit else "",
-            )
-            things.append(thing)
+            center_m = (self.away_m, beside_m, self.height_m)
+            lamp = name if self.lit else ""
+            things.append(Thing(id=name, center_m=center_m, size_m=size_m, lamp=lamp))
         return Environment(stamp_ns=0, name=self.name, things=tuple(things))
 
 
@@ -257,11 +266,12 @@ def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
     # without any, NaN and no warning of numpy
     took_s = took_s or [math.nan]
     confidences = confidences or [math.nan]
+    count = len(results)
     return ReachRow(
         name=row.name,
-        right=Share(ends["right"], len(results)),
-        wrong=Share(ends["wrong"], len(results)),
-        nothing=Share(ends["nothing"], len(results)),
+        right=Share(ends["right"], count),
+        wrong=Share(ends["wrong"], count),
+        nothing=Share(ends["nothing"], count),
         median_s=float(np.median(took_s)),
         p90_s=float(np.percentile(took_s, 90)),
         stated=float(np.mean(confidences)),
@@ -271,7 +281,8 @@ def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
 def reaches(config: SelectorConfig, piece: tuple[ThingRow, int, int]) -> list[Result]:
     """Return the results of one person each, for `count` seeds from the first on."""
     row, first, count = piece
-    return [reach(row, config, seed) for seed in range(first, first + count)]
+    seeds = range(first, first + count)
+    return [reach(row, config, seed) for seed in seeds]
 
 
 def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
@@ -297,16 +308,18 @@ def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
             if isinstance(message, Hover):
                 person.see(time_s, message.object_id or None)
             elif isinstance(message, SelectionEvent) and message.event == "selected":
-                end: Literal["right", "wrong"] = "right" if message.object_id == goal else "wrong"
-                return Result(end, time_s, message.confidence)
+                if message.object_id == goal:
+                    return Result("right", time_s, message.confidence)
+                return Result("wrong", time_s, message.confidence)
     return Result("nothing", LIMIT_S, None)
 
 
 def begin(row: ThingRow, rng: np.random.Generator) -> tuple[int, ArmReach]:
     """Return the index of the thing that a person means, and their reach for it."""
     places_m = {thing.id: thing.center_m for thing in row.environment().things}
-    goal = int(rng.integers(row.count))
-    return goal, ArmReach(EYES_M, places_m, list(places_m)[goal], rng, bias_deg=row.bias_deg)
+    index = int(rng.integers(row.count))
+    goal = list(places_m)[index]
+    return index, ArmReach(EYES_M, places_m, goal, rng, bias_deg=row.bias_deg)
 
 
 def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float]) -> int:
@@ -317,7 +330,8 @@ def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float])
     kind, seed, minutes = piece
     rng = np.random.default_rng([seed, 7])
     row = ROWS[0]
-    strip = Strip(id="below", line_m=((row.away_m, 1.5, 0.9), (row.away_m, -1.5, 0.9)), pixels=180)
+    ends_m = ((row.away_m, 1.5, 0.9), (row.away_m, -1.5, 0.9))
+    strip = Strip(id="below", line_m=ends_m, pixels=180)
     environment = row.environment().model_copy(update={"strips": (strip,)})
     surfaces = Surfaces(environment)
     engine = SelectionEngine(config, lambda _record: None)
@@ -332,8 +346,8 @@ def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float])
     while begun_s < minutes * 60.0:
         targets_m = {**places_m, "point": _miss_point(kind, row, rng)}
         reach = ArmReach(EYES_M, targets_m, "point", rng, reach)
-        holds_s = reach.took_s + float(rng.uniform(*HOLDS_S[kind]))
-        samples = round(holds_s * RATE_HZ)
+        hold_s = float(rng.uniform(*HOLDS_S[kind]))
+        samples = round((reach.took_s + hold_s) * RATE_HZ)
         for index in range(samples):
             reach_s = index / RATE_HZ
             time_s = begun_s + reach_s
@@ -348,7 +362,8 @@ def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float])
                 message = output.message
                 if isinstance(message, Hover):
                     reach.see(reach_s, message.object_id or "point")
-                fired += isinstance(message, SelectionEvent) and message.event == "selected"
+                elif isinstance(message, SelectionEvent):
+                    fired += message.event == "selected"
         begun_s += samples / RATE_HZ
     return fired
 
@@ -356,28 +371,33 @@ def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float])
 def _miss_point(kind: MissKind, row: ThingRow, rng: np.random.Generator) -> Vec3:
     """Return a point of the strip, or one beside all things by more than people err."""
     if kind == "strip":
-        return (row.away_m, float(rng.uniform(-1.5, 1.5)), 0.9)
+        beside_m = float(rng.uniform(-1.5, 1.5))
+        return (row.away_m, beside_m, 0.9)
     return point_beside(row, rng)
 
 
 def point_beside(row: ThingRow, rng: np.random.Generator) -> Vec3:
     """Return a point beside all things by more than people err."""
+    sights = [vector.subtract(thing.center_m, EYES_M) for thing in row.environment().things]
     while True:
         azimuth = math.radians(rng.uniform(-40.0, 40.0))
         elevation = math.radians(rng.uniform(-30.0, 30.0))
-        away_m = vector.scale(vector.direction(azimuth, elevation), row.away_m)
-        point_m = vector.add(EYES_M, away_m)
+        direction = vector.direction(azimuth, elevation)
+        point_m = vector.add(EYES_M, vector.scale(direction, row.away_m))
         sight = vector.subtract(point_m, EYES_M)
-        things = (vector.subtract(thing.center_m, EYES_M) for thing in row.environment().things)
-        if all(vector.angle_between(thing, sight) > BESIDE_RAD for thing in things):
+        aside_rad = (vector.angle_between(thing, sight) for thing in sights)
+        if all(angle > BESIDE_RAD for angle in aside_rad):
             return point_m
 
 
 def _cursor(surfaces: Surfaces, direction: Vec3, now_ns: int) -> Cursor:
+    cursor = Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=direction)
     surface_hit = surfaces.hit_test(EYES_M, direction)
-    if surface_hit is None or surface_hit[0].kind != "strip":
-        return Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=direction)
+    if surface_hit is None:
+        return cursor
     surface, hit = surface_hit
+    if surface.kind != "strip":
+        return cursor
     return Cursor(
         stamp_ns=now_ns,
         surface="strip",

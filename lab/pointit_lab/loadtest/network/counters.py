@@ -50,9 +50,11 @@ class Counters:
         Raises:
             ConfigError: If one ended.
         """
-        machines = network.machines
-        counters = cls({index: machines[index].name for index in sorted(network.traffic())})
-        for index in counters._links:
+        names: dict[int, str] = {}
+        for index in sorted(network.traffic()):
+            names[index] = network.machines[index].name
+        counters = cls(names)
+        for index in names:
             command = network.arguments(index, sys.executable, "-m", __name__, UPLINK)
             counters._running[index] = await asyncio.create_subprocess_exec(
                 *command,
@@ -61,7 +63,7 @@ class Counters:
                 process_group=0,
             )
         # Only now: the processes start beside each other.
-        for index in counters._links:
+        for index in names:
             await counters._line(index)
         return counters
 
@@ -71,23 +73,27 @@ class Counters:
         Raises:
             ConfigError: If a counter ended: what it did not count is not known.
         """
+        order = f"{duration_s}\n".encode()
         for counter in self._running.values():
             if counter.stdin is not None:
-                counter.stdin.write(f"{duration_s}\n".encode())
+                counter.stdin.write(order)
         contents: dict[int, Contents] = {}
         for index in self._links:
-            contents[index] = Contents(**json.loads(await self._line(index)))
-        await asyncio.gather(*(counter.communicate() for counter in self._running.values()))
+            counted = json.loads(await self._line(index))
+            contents[index] = Contents(**counted)
+        endings = [counter.communicate() for counter in self._running.values()]
+        await asyncio.gather(*endings)
         return contents
 
     async def _line(self, index: int) -> bytes:
         counter = self._running[index]
-        line = b"" if counter.stdout is None else await counter.stdout.readline()
+        line = b""
+        if counter.stdout is not None:
+            line = await counter.stdout.readline()
         if not line:
-            raise ConfigError(
-                f"what crosses the link of {self._links[index]} could not be counted, as the counter ended "
-                f"with exit code {await counter.wait()}: see its output above"
-            )
+            code = await counter.wait()
+            problem = f"what crosses the link of {self._links[index]} could not be counted"
+            raise ConfigError(f"{problem}, as the counter ended with exit code {code}: see its output above")
         return line
 
 
@@ -98,18 +104,22 @@ def count(wire: socket.socket, duration_s: float) -> dict[str, Any]:
     """
     up = Counter[str]()
     down = Counter[str]()
-    began_s = time.monotonic()
-    while (left_s := began_s + duration_s - time.monotonic()) > 0:
-        wire.settimeout(left_s)
+    start_s = time.monotonic()
+    end_s = start_s + duration_s
+    while (remaining_s := end_s - time.monotonic()) > 0:
+        wire.settimeout(remaining_s)
         try:
-            packet, (_, _, direction, *_) = wire.recvfrom(MAX_PACKET)
+            packet, address = wire.recvfrom(MAX_PACKET)
         except TimeoutError:
             break
+        _, _, direction, *_ = address
         kinds: list[bytes] = KIND.findall(packet)
-        counted = up if direction == OUTGOING else down
-        counted.update(kind.decode("ascii") for kind in kinds)
-    counts = {kind: [up[kind], down[kind]] for kind in sorted({*up, *down})}
-    return {"lasted_s": time.monotonic() - began_s, "counts": counts}
+        counter = up if direction == OUTGOING else down
+        counter.update(kind.decode("ascii") for kind in kinds)
+    counts: dict[str, list[int]] = {}
+    for kind in sorted({*up, *down}):
+        counts[kind] = [up[kind], down[kind]]
+    return {"lasted_s": time.monotonic() - start_s, "counts": counts}
 
 
 def _main(device: str) -> None:
@@ -117,9 +127,11 @@ def _main(device: str) -> None:
         wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         sys.stdout.write("\n")
         sys.stdout.flush()
-        if line := sys.stdin.readline():
+        line = sys.stdin.readline()
+        if line:
             wire.bind((device, ALL))
-            sys.stdout.write(json.dumps(count(wire, float(line))) + "\n")
+            counted = count(wire, float(line))
+            sys.stdout.write(json.dumps(counted) + "\n")
 
 
 if __name__ == "__main__":

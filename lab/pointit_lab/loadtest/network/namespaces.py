@@ -44,22 +44,28 @@ class NamespaceNetwork:
         """Return `command` as it is run at a machine."""
         if self.lacking:
             return list(command)
-        return ["nsenter", f"--net=/proc/{self.holders[index].pid}/ns/net", "--", *command]
+        pid = self.holders[index].pid
+        return ["nsenter", f"--net=/proc/{pid}/ns/net", "--", *command]
 
     def listen(self, index: int) -> str:
         """Return the address where a machine's router listens."""
-        return self._local_address(index) if self.lacking else f"{self.scheme}/0.0.0.0:{PORT}"
+        if self.lacking:
+            return self._local_address(index)
+        return f"{self.scheme}/0.0.0.0:{PORT}"
 
     def endpoint(self, index: int) -> str:
         """Return the address of the router that a machine's people join."""
         router = router_of(self.machines, index)
-        return self._local_address(router) if router == index else self.uplink(index)
+        if router == index:
+            return self._local_address(router)
+        return self.uplink(index)
 
     def uplink(self, index: int) -> str:
         """Return the address of the router above a machine that is not the root."""
         if self.lacking:
             return self._local_address(self.machines[index].uplink)
-        return f"{self.scheme}/{_address(index, 2)}:{PORT}"
+        address = _address(index, 2)
+        return f"{self.scheme}/{address}:{PORT}"
 
     def addresses(self) -> list[str]:
         """Return all addresses at which a router is reached."""
@@ -72,7 +78,8 @@ class NamespaceNetwork:
         """Return the traffic of each link, by its lower machine's index. That of loopback is unknown."""
         if self.lacking:
             return {}
-        return {index: self._traffic(index) for index in range(1, len(self.machines))}
+        lower = range(1, len(self.machines))
+        return {index: self._traffic(index) for index in lower}
 
     def lay(self) -> None:
         """Make the namespaces and their cables.
@@ -92,7 +99,9 @@ class NamespaceNetwork:
                 process_group=0,
             )
             self.holders.append(holder)
-            line = b"" if holder.stdout is None else holder.stdout.readline().strip()
+            line = b""
+            if holder.stdout is not None:
+                line = holder.stdout.readline().strip()
             if line:
                 raise RuntimeError(line.decode(errors="replace"))
 
@@ -102,10 +111,12 @@ class NamespaceNetwork:
             if not index:
                 continue
             downlink = f"down{index}"
-            peer = ("peer", "name", downlink, "netns", str(self.holders[machine.uplink].pid))
+            upper_pid = str(self.holders[machine.uplink].pid)
+            peer = ("peer", "name", downlink, "netns", upper_pid)
             self._ip(index, "link", "add", UPLINK, "type", "veth", *peer)
             for end_index, device, end in ((index, UPLINK, 1), (machine.uplink, downlink, 2)):
-                self._ip(end_index, "address", "add", f"{_address(index, end)}/30", "dev", device)
+                address = f"{_address(index, end)}/30"
+                self._ip(end_index, "address", "add", address, "dev", device)
                 self._ip(end_index, "link", "set", "dev", device, "up")
 
     def close(self) -> None:
@@ -134,9 +145,11 @@ class NamespaceNetwork:
             raise RuntimeError(process.stderr.strip())
 
     def _traffic(self, index: int) -> NamespaceTraffic:
-        devices = Path(f"/proc/{self.holders[index].pid}/net/dev").read_text(encoding="ascii")
+        path = Path(f"/proc/{self.holders[index].pid}/net/dev")
+        devices = path.read_text(encoding="ascii")
         # Eight columns of what was received, then eight of what was sent: bytes and packets are the first.
-        columns = devices.partition(f"{UPLINK}:")[2].split()
+        _, _, row = devices.partition(f"{UPLINK}:")
+        columns = row.split()
         return NamespaceTraffic(
             up_bytes=int(columns[8]),
             up_packets=int(columns[9]),
@@ -162,7 +175,10 @@ def network(machines: Sequence[Machine], scheme: str) -> Generator[NamespaceNetw
 
 def _address(index: int, end: int) -> str:
     """Return an end of a link, 1 below and 2 above, from the block for tests of networks (RFC 2544)."""
-    return f"198.18.{index // 64}.{4 * (index % 64) + end}"
+    # 64 blocks of four addresses (/30) in the last byte
+    third = index // 64
+    block = 4 * (index % 64)
+    return f"198.18.{third}.{block + end}"
 
 
 def free_port() -> int:

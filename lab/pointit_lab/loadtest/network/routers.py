@@ -24,13 +24,22 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor":
 
 def plain_configuration(listen: str, uplinks: Sequence[str]) -> dict[str, Any]:
     """Return the configuration of a router that admits anyone."""
+    # no scouting: only the links of the test
+    scouting = {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}}
+    link = {"tx": {"lease": LEASE_MS}}
+    connect = {
+        "endpoints": list(uplinks),
+        "timeout_ms": -1,
+        "exit_on_failure": False,
+        "retry": RETRY,
+    }
     return {
         "mode": "router",
         "listen": {"endpoints": [listen]},
-        "connect": {"endpoints": list(uplinks), "timeout_ms": -1, "exit_on_failure": False, "retry": RETRY},
-        "scouting": {"delay": 0, "multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "connect": connect,
+        "scouting": scouting,
         "timestamping": {"enabled": True},
-        "transport": {"shared_memory": {"enabled": False}, "link": {"tx": {"lease": LEASE_MS}}},
+        "transport": {"shared_memory": {"enabled": False}, "link": link},
     }
 
 
@@ -39,8 +48,10 @@ def secured_configuration(site: SiteFolder, uplinks: Sequence[str], port: int) -
     router_site = site.router_site(tuple(uplinks))
     router_configuration = configuration([router_site])
     own_port = f":{router_site.port}"
-    listen = router_configuration["listen"]
-    listen["endpoints"] = [endpoint.replace(own_port, f":{port}", 1) for endpoint in listen["endpoints"]]
+    endpoints: list[str] = []
+    for endpoint in router_configuration["listen"]["endpoints"]:
+        endpoints.append(endpoint.replace(own_port, f":{port}", 1))
+    router_configuration["listen"]["endpoints"] = endpoints
     return router_configuration
 
 
@@ -57,6 +68,7 @@ async def router_process(
     """
     file = _write_configuration(settings, folder)
     command = [*place, *with_parent(), *_command(program), "--config", file]
+    environment = {"RUST_LOG": "error", **os.environ}
 
     # A group of its own: Ctrl-C at a terminal must not end it before the processes that it connects.
     with (folder / "log").open("w") as log:
@@ -65,7 +77,7 @@ async def router_process(
             stdin=asyncio.subprocess.DEVNULL,
             stdout=log,
             stderr=log,
-            env={"RUST_LOG": "error", **os.environ},
+            env=environment,
             process_group=0,
         )
 
@@ -75,7 +87,8 @@ async def router_process(
     except ConnectError as error:
         if process.returncode is None:
             raise
-        raise ConfigError(f"the router has ended: {_last_line(folder / 'log')}") from error
+        reason = _last_line(folder / "log")
+        raise ConfigError(f"the router has ended: {reason}") from error
     finally:
         with contextlib.suppress(ProcessLookupError):
             process.send_signal(signal.SIGTERM)
@@ -87,7 +100,9 @@ def with_parent() -> list[str]:
 
     Empty where there is no `setpriv` (util-linux).
     """
-    return ["setpriv", "--pdeathsig", "TERM", "--"] if shutil.which("setpriv") else []
+    if shutil.which("setpriv") is None:
+        return []
+    return ["setpriv", "--pdeathsig", "TERM", "--"]
 
 
 def _command(program: Program) -> list[str]:
@@ -109,5 +124,6 @@ def _write_configuration(settings: dict[str, Any], folder: Path) -> str:
 
 
 def _last_line(log: Path) -> str:
-    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    text = log.read_text(encoding="utf-8", errors="replace")
+    lines = text.strip().splitlines()
     return lines[-1] if lines else "it says nothing"

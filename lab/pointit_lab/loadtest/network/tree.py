@@ -27,7 +27,9 @@ def tree(hosts: int, routers: int, fan: int) -> list[Machine]:
     machines: list[Machine] = []
     for index in range(routers):
         has_people = index >= above
-        name = f"host {index - above + 1}" if has_people else f"above {index + 1}"
+        name = f"above {index + 1}"
+        if has_people:
+            name = f"host {index - above + 1}"
         uplink = max(0, index - 1) // fan
         machines.append(Machine(name=name, has_router=True, has_people=has_people, uplink=uplink))
 
@@ -41,7 +43,8 @@ def tree(hosts: int, routers: int, fan: int) -> list[Machine]:
 
 def router_of(machines: Sequence[Machine], index: int) -> int:
     """Return the index of the machine with the router that processes of a machine join."""
-    return index if machines[index].has_router else machines[index].uplink
+    machine = machines[index]
+    return index if machine.has_router else machine.uplink
 
 
 def spread(names: Sequence[str], machines: Sequence[Machine]) -> dict[int, list[str]]:
@@ -49,5 +52,6 @@ def spread(names: Sequence[str], machines: Sequence[Machine]) -> dict[int, list[
     hosts = [index for index, machine in enumerate(machines) if machine.has_people]
     people: dict[int, list[str]] = {}
     for turn, index in enumerate(hosts):
-        people[index] = list(names[turn :: len(hosts)])
+        own_names = names[turn :: len(hosts)]
+        people[index] = list(own_names)
     return people

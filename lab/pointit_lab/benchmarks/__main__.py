@@ -6,6 +6,7 @@ import os
 import statistics
 import sys
 import tempfile
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -48,27 +49,33 @@ ROUNDS = 3
 def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
     """Measure wrist to light beside bare Zenoh, in one process and in separate ones."""
     # Chains that are compared alternate, so that the machine's load is that of both.
-    samples: dict[str, list[float]] = {name: [] for name in ("direct", "default", "ours", "bare", "separate")}
+    samples = defaultdict[str, list[float]](list)
     hops = our_chain.HOPS
     for _ in range(ROUNDS):
         samples["direct"] += asyncio.run(bare_zenoh.one_process(hops, rate_hz, duration_s, "direct"))
         samples["default"] += asyncio.run(bare_zenoh.one_process(hops, rate_hz, duration_s, "default"))
         samples["ours"] += asyncio.run(our_chain.one_process(rate_hz, duration_s))
     for _ in range(ROUNDS):
-        samples["bare"] += asyncio.run(bare_zenoh.processes(hops, rate_hz, duration_s, free_endpoint()))
-        samples["separate"] += asyncio.run(our_chain.processes(rate_hz, duration_s, free_endpoint()))
+        bare = bare_zenoh.processes(hops, rate_hz, duration_s, free_endpoint())
+        samples["bare"] += asyncio.run(bare)
+        separate = our_chain.processes(rate_hz, duration_s, free_endpoint())
+        samples["separate"] += asyncio.run(separate)
+
+    # errors of each chain, and ours as multiples of the baselines'
     figures = {name: Figures.of(values) for name, values in samples.items()}
+    ours = figures["ours"]
     one_process = {
         "bare_zenoh_direct": figures["direct"].as_dict(),
         "bare_zenoh_default": figures["default"].as_dict(),
-        "ours": figures["ours"].as_dict(),
-        "ratio_to_direct": figures["ours"].ratio_to(figures["direct"]),
-        "ratio_to_default": figures["ours"].ratio_to(figures["default"]),
+        "ours": ours.as_dict(),
+        "ratio_to_direct": ours.ratio_to(figures["direct"]),
+        "ratio_to_default": ours.ratio_to(figures["default"]),
     }
+    ours_separate = figures["separate"]
     separate_processes = {
         "bare_zenoh_direct": figures["bare"].as_dict(),
-        "ours": figures["separate"].as_dict(),
-        "ratio_to_direct": figures["separate"].ratio_to(figures["bare"]),
+        "ours": ours_separate.as_dict(),
+        "ratio_to_direct": ours_separate.ratio_to(figures["bare"]),
     }
     return {
         "rate_hz": rate_hz,
@@ -116,7 +123,8 @@ def main(
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     # services must not store their state among that of this machine's user
-    os.environ[VARIABLE] = click.get_current_context().with_resource(tempfile.TemporaryDirectory())
+    state_folder = tempfile.TemporaryDirectory()
+    os.environ[VARIABLE] = click.get_current_context().with_resource(state_folder)
     wanted = only or PARTS
     console = Console()
     if commit:
@@ -132,8 +140,8 @@ def main(
     if "users" in wanted:
         console.print("users: 100 Hz each, wrists in the services' process and in another one …")
         result |= our_chain.user_rows(duration, free_endpoint)
-        titles = our_chain.USERS.items()
-        console.print(*(users_table(title, result[part]) for part, title in titles), sep="\n")
+        tables = [users_table(title, result[part]) for part, title in our_chain.USERS.items()]
+        console.print(*tables, sep="\n")
     if "instructions" in wanted:
         console.print("instructions: IMU sample to LED frame, counted by Valgrind …")
         result["instructions"] = instructions.measure()
@@ -164,9 +172,8 @@ def main(
             )
     _measure_bridges(wanted, duration, result, console)
     result["after"] = machine()
-    console.print(
-        f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
-    )
+    before = result["before"]
+    console.print(f"machine: {before['cores']} cores, load {before['load_average']} before")
     _write(path, result)
 
 
@@ -180,13 +187,15 @@ def measure_hop(duration_s: float) -> dict[str, Any]:
         raise click.ClickException(
             f"{rclpy_relay.PYTHON} is not there; `scripts/test tests/interop/ros2_dds` makes it"
         )
-    chain = asyncio.run(our_chain.carried(HOP_PEOPLE, duration_s, free_endpoint()))
+    carried = our_chain.carried(HOP_PEOPLE, duration_s, free_endpoint())
+    chain = asyncio.run(carried)
     rclpy = rclpy_relay.measure_cost(HOP_HZ, duration_s)
     zenoh = asyncio.run(bare_zenoh.measure_relay(HOP_HZ, duration_s))
+    whole_chain = f"whole chain, {HOP_PEOPLE} people"
     return {
         "one hop through rclpy, Fast DDS": rclpy["us_per_message"],
         "one hop through bare Zenoh": zenoh["us_per_message"],
-        f"whole chain, {HOP_PEOPLE} people": chain["services_us_per_sample"],
+        whole_chain: chain["services_us_per_sample"],
     }
 
 
@@ -204,12 +213,14 @@ def _measure_bridges(
             low = min(times_us)
             middle = statistics.median(times_us)
             high = max(times_us)
-            console.print(f"{carrier:<32} {middle:>6.0f} µs of CPU ({low:.0f} to {high:.0f})")
+            spread = f"({low:.0f} to {high:.0f})"
+            console.print(f"{carrier:<32} {middle:>6.0f} µs of CPU {spread}")
 
     # Each part is printed as soon as it is measured: all of them take minutes.
     if "things" in wanted:
         console.print("things: IMU sample to the call of a function for what it fires …")
-        figures = Figures.of(asyncio.run(our_chain.pointed(THINGS * duration)))
+        times_s = asyncio.run(our_chain.pointed(THINGS * duration))
+        figures = Figures.of(times_s)
         result["things"] = figures.as_dict()
         console.print(
             "p50 {p50_ms:.2f} ms, p99 {p99_ms:.2f} ms, max {max_ms:.1f} ms, n = {count}".format(
@@ -231,18 +242,21 @@ def _measure_bridges(
 
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:
-    if path is not None:
-        with replaced_file(path) as part:
-            part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    if path is None:
+        return
+    text = json.dumps(result, indent=2) + "\n"
+    with replaced_file(path) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def latency_table(latency_result: dict[str, Any]) -> Table:
     """Return the latency figures as a table."""
-    table = Table(
-        title=f"IMU sample to LED frame, {latency_result['hops']} hops at {latency_result['rate_hz']:.0f} Hz"
-    )
-    for column in ("layout", "chain", "p50 ms", "p99 ms", "max ms", "n"):
-        table.add_column(column, justify="left" if column in ("layout", "chain") else "right")
+    load = f"{latency_result['hops']} hops at {latency_result['rate_hz']:.0f} Hz"
+    table = Table(title=f"IMU sample to LED frame, {load}")
+    for column in ("layout", "chain"):
+        table.add_column(column, justify="left")
+    for column in ("p50 ms", "p99 ms", "max ms", "n"):
+        table.add_column(column, justify="right")
     for layout in ("one_process", "separate_processes"):
         for name, figures in latency_result[layout].items():
             if name.startswith("ratio"):
@@ -253,7 +267,8 @@ def latency_table(latency_result: dict[str, Any]) -> Table:
                 p50 = f"{figures['p50_ms']:.3f}"
                 p99 = f"{figures['p99_ms']:.3f}"
                 longest = f"{figures['max_ms']:.2f}"
-                table.add_row(layout, name, p50, p99, longest, str(figures["count"]))
+                count = str(figures["count"])
+                table.add_row(layout, name, p50, p99, longest, count)
     return table
 
 
@@ -267,14 +282,19 @@ def users_table(title: str, rows: list[dict[str, Any]]) -> Table:
     for column in ("people", "CPU of a core", "services", "driver", "delivered", "p99 age ms"):
         table.add_column(column, justify="right")
     for row in rows:
-        age = row["age_of_cursors"]
-        driver_us = row["driver_us_per_sample"]
+        users = str(row["users"])
         share = f"{row['services_share_of_a_core']:.1%}"
         services = f"{row['services_us_per_sample']:.0f} µs a sample"
-        driver = f"{driver_us:.0f} µs" if driver_us else "apart"
+        driver = "apart"
+        driver_us = row["driver_us_per_sample"]
+        if driver_us:
+            driver = f"{driver_us:.0f} µs"
         delivered = f"{row['delivered']:.1%}"
-        p99_age_ms = f"{age['p99_ms']:.2f}" if age else "-"
-        table.add_row(str(row["users"]), share, services, driver, delivered, p99_age_ms)
+        p99_age_ms = "-"
+        age = row["age_of_cursors"]
+        if age:
+            p99_age_ms = f"{age['p99_ms']:.2f}"
+        table.add_row(users, share, services, driver, delivered, p99_age_ms)
     return table
 
 
@@ -296,8 +316,9 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
     """Return the cost of the ROS 2 bridge compared with a bare relay as a table."""
     load = ros2_result["before"]["load_average"][0]
     table = Table(title=f"Bridge to ROS 2, load {load}")
-    for column in ("what", "messages/s", "CPU of a core", "µs per message", "lost"):
-        table.add_column(column, justify="left" if column == "what" else "right")
+    table.add_column("what", justify="left")
+    for column in ("messages/s", "CPU of a core", "µs per message", "lost"):
+        table.add_column(column, justify="right")
     rows = [("bare relay of bytes", ros2_result["bare_relay"]), ("nothing", ros2_result["nothing"])]
     for direction in ("out", "in", "both"):
         rows += [(direction, row) for row in ros2_result[direction]]
@@ -306,7 +327,8 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
         us_text = f"{us:.0f}" if us else "-"
         rate = f"{row['messages_per_second']:.0f}"
         share = f"{row['cpu_share_of_a_core']:.1%}"
-        table.add_row(name, rate, share, us_text, f"{row['lost']}")
+        lost = str(row["lost"])
+        table.add_row(name, rate, share, us_text, lost)
     return table
 
 

@@ -24,27 +24,38 @@ PEOPLE = (20, 60)
 
 
 def _latency(layout: str, quantile: str) -> Callable[[dict[str, Any]], float]:
-    return lambda result: float(result["latency"][layout]["ratio_to_direct"][quantile])
+    def ratio(result: dict[str, Any]) -> float:
+        ratios = result["latency"][layout]["ratio_to_direct"]
+        return float(ratios[quantile])
+
+    return ratio
 
 
 def _cpu_us(part: str, column: str, people: int) -> Callable[[dict[str, Any]], float]:
     def cpu_us(result: dict[str, Any]) -> float:
-        rows = [row for row in result[part] if row["users"] == people]
-        return next(float(row[column]) for row in rows if row["delivered"] >= DELIVERED)  # a drop costs less
+        for row in result[part]:
+            # a drop costs less
+            if row["users"] == people and row["delivered"] >= DELIVERED:
+                return float(row[column])
+        raise KeyError(column)
 
     return cpu_us
 
 
 def _cost(part: str, share: str, kind: str) -> Callable[[dict[str, Any]], float]:
-    return lambda result: costs(result[part], share)[kind].value
+    def cost(result: dict[str, Any]) -> float:
+        return costs(result[part], share)[kind].value
+
+    return cost
 
 
 def _of_cpu(title: str, part: str, version: str) -> dict[str, Callable[[dict[str, Any]], float]]:
     """Return the figures of CPU in the columns of `version` of a part."""
     share = f"{version}_share_of_a_core"
+    column = f"{version}_us_per_sample"
     figures: dict[str, Callable[[dict[str, Any]], float]] = {}
     for people in PEOPLE:
-        figures[f"{title}, {people} people, µs a sample"] = _cpu_us(part, f"{version}_us_per_sample", people)
+        figures[f"{title}, {people} people, µs a sample"] = _cpu_us(part, column, people)
     figures[f"{title}, fit, µs a sample"] = _cost(part, share, "sample")
     figures[f"{title}, fit, fixed, % of a core"] = _cost(part, share, "fixed")
     return figures
@@ -71,8 +82,10 @@ def resolved(commit: str) -> str:
     Raises:
         click.BadParameter: This repository has no such commit.
     """
-    command = ["git", "-C", str(ROOT), "rev-parse", "--quiet", "--verify", f"{commit}^{{commit}}"]
-    if subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode != 0:
+    revision = f"{commit}^{{commit}}"
+    command = ["git", "-C", str(ROOT), "rev-parse", "--quiet", "--verify", revision]
+    code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
+    if code != 0:
         sentence = f"this repository has no commit {commit}; `git log --oneline` lists them"
         raise click.BadParameter(sentence)
     return commit
@@ -94,26 +107,36 @@ def compare(commit: str, duration_s: float, rounds: int) -> dict[str, Any]:
     # The other tree may lack a figure, or have too few rows for one: then it is not compared.
     figures: dict[str, Any] = {}
     for name, read in FIGURES.items():
-        with contextlib.suppress(KeyError, StopIteration):
-            values = [read(result) for result in here]
+        with contextlib.suppress(KeyError):
+            own_values = [read(result) for result in here]
             other_values = [read(result) for result in there]
-            ratios = [round(ours / other, 3) for ours, other in zip(values, other_values, strict=True)]
-            figures[name] = {"here": values, "there": other_values, "ratio": ratios}
+            ratios: list[float] = []
+            for own, others in zip(own_values, other_values, strict=True):
+                ratios.append(round(own / others, 3))
+            figures[name] = {"here": own_values, "there": other_values, "ratio": ratios}
     return {"commit": commit, "rounds": rounds, "figures": figures}
 
 
 def table(result: dict[str, Any]) -> Table:
     """Return medians, the ratio's mean with its 95 % interval, and its spread over the rounds."""
-    shown = Table(title=f"This tree and {result['commit']}, median of {result['rounds']} rounds")
-    for column in ("figure", "here", "there", "here / there", "mean", "least, most"):
-        shown.add_column(column, justify="left" if column == "figure" else "right")
+    title = f"This tree and {result['commit']}, median of {result['rounds']} rounds"
+    shown = Table(title=title)
+    shown.add_column("figure", justify="left")
+    for column in ("here", "there", "here / there", "mean", "least, most"):
+        shown.add_column(column, justify="right")
     for name, values in result["figures"].items():
-        medians = [f"{statistics.median(values[key]):.2f}" for key in ("here", "there", "ratio")]
+        medians: list[str] = []
+        for column in ("here", "there", "ratio"):
+            median = statistics.median(values[column])
+            medians.append(f"{median:.2f}")
+
+        # a fit of a constant is a mean with its interval
         ratios = values["ratio"]
-        slopes = fit({"mean": [1.0] * len(ratios)}, ratios)  # a fit of a constant is a mean with its interval
-        mean = slopes.get("mean", "-")
-        spread = f"{min(ratios):.2f}, {max(ratios):.2f}"
-        shown.add_row(name, *medians, str(mean), spread)
+        constant = [1.0] * len(ratios)
+        mean = fit({"mean": constant}, ratios).get("mean", "-")
+        least = min(ratios)
+        most = max(ratios)
+        shown.add_row(name, *medians, str(mean), f"{least:.2f}, {most:.2f}")
     return shown
 
 
@@ -123,11 +146,13 @@ def _checked_out(commit: str) -> Generator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         git = ("git", "-C", str(ROOT), "worktree")
-        subprocess.run([*git, "add", "--quiet", "--detach", str(tree), commit], check=True)
+        add = [*git, "add", "--quiet", "--detach", str(tree), commit]
+        subprocess.run(add, check=True)
         try:
             yield tree
         finally:
-            subprocess.run([*git, "remove", "--force", str(tree)], check=True)
+            remove = [*git, "remove", "--force", str(tree)]
+            subprocess.run(remove, check=True)
 
 
 def _measured(tree: Path, duration_s: float) -> dict[str, Any]:
@@ -139,5 +164,6 @@ def _measured(tree: Path, duration_s: float) -> dict[str, Any]:
         import_path = os.pathsep.join([str(tree), str(tree / "lab")])
         environment = os.environ | {"PYTHONPATH": import_path}
         subprocess.run(command, cwd=tree, env=environment, stdout=subprocess.DEVNULL, check=True)
-        result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        result: dict[str, Any] = json.loads(text)
         return result

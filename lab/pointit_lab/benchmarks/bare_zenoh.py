@@ -72,14 +72,19 @@ def opened(*, listen: str = "", connect: str = "", mode: str = "") -> zenoh.Sess
 def forward(session: zenoh.Session, hop: int, kind: CallbackKind) -> None:
     """Forward samples of `hop` to the next."""
     publisher = session.declare_publisher(KEY.format(hop + 1))
-    subscribe(session, hop, lambda sample: publisher.put(sample.payload.to_bytes()), kind)
+
+    def relay(sample: zenoh.Sample) -> None:
+        publisher.put(sample.payload.to_bytes())
+
+    subscribe(session, hop, relay, kind)
 
 
 def subscribe(
     session: zenoh.Session, hop: int, callback: Callable[[zenoh.Sample], None], kind: CallbackKind
 ) -> None:
     """Call `callback` with samples of `hop`."""
-    session.declare_subscriber(KEY.format(hop), Callback(callback, indirect=kind == "default"))
+    handler = Callback(callback, indirect=kind == "default")
+    session.declare_subscriber(KEY.format(hop), handler)
 
 
 async def one_process(hops: int, rate_hz: float, duration_s: float, kind: CallbackKind) -> list[float]:
@@ -120,7 +125,8 @@ async def _drive(
 
     def arrive(sample: zenoh.Sample) -> None:
         (sent_ns,) = struct.unpack_from("<q", sample.payload.to_bytes())
-        times_s.append((time.perf_counter_ns() - sent_ns) / 1e9)
+        age_ns = time.perf_counter_ns() - sent_ns
+        times_s.append(age_ns / 1e9)
 
     # Hops in this session forward here. Otherwise each is a process that is connected already.
     if forwards:
@@ -135,9 +141,11 @@ async def _drive(
     due_s = loop.time()
     end_s = due_s + duration_s
     while due_s < end_s:
-        publisher.put(struct.pack("<q", time.perf_counter_ns()).ljust(PAYLOAD_BYTES, b"\0"))
+        stamp = struct.pack("<q", time.perf_counter_ns())
+        publisher.put(stamp.ljust(PAYLOAD_BYTES, b"\0"))
         due_s += 1.0 / rate_hz
-        await asyncio.sleep(max(0.0, due_s - loop.time()))
+        wait_s = due_s - loop.time()
+        await asyncio.sleep(max(0.0, wait_s))
     await asyncio.sleep(0.1)
     return times_s
 
@@ -160,7 +168,7 @@ async def relay_cost(
         per_turn: messages that `put` publishes.
     """
     before = process.cpu_times()
-    began_s = time.perf_counter()
+    start_s = time.perf_counter()
     loop = asyncio.get_running_loop()
     turn = 0
     due_s = loop.time()
@@ -172,16 +180,18 @@ async def relay_cost(
         due_s = max(due_s + 1.0 / rate_hz, loop.time())
         await asyncio.sleep(due_s - loop.time())
     after = process.cpu_times()
-    took_s = time.perf_counter() - began_s
+    took_s = time.perf_counter() - start_s
     await asyncio.sleep(TAIL_S)
+
+    # of the relay alone: this process, which puts and reads, is not in it
     cpu_s = after.user + after.system - before.user - before.system
     messages = turn * per_turn
-    share = round(cpu_s / took_s, 4)
-    rate_hz = round(messages / took_s, 1)
-    us_per_message = round(cpu_s / messages * 1e6, 1) if messages else None
+    us_per_message = None
+    if messages:
+        us_per_message = round(cpu_s / messages * 1e6, 1)
     figures = {
-        "cpu_share_of_a_core": share,
-        "messages_per_second": rate_hz,
+        "cpu_share_of_a_core": round(cpu_s / took_s, 4),
+        "messages_per_second": round(messages / took_s, 1),
         "us_per_message": us_per_message,
     }
     return messages, figures
@@ -199,16 +209,18 @@ class RelayEnds:
 @contextlib.asynccontextmanager
 async def relaying() -> AsyncGenerator[RelayEnds]:
     """Yield the ends of a relay that has started."""
-    endpoints = [free_endpoint() for _ in range(2)]
-    source, session = (opened(listen=endpoint, mode="router") for endpoint in endpoints)
-    child = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "pointit_lab.benchmarks.bare_zenoh", *endpoints
-    )
+    source_endpoint = free_endpoint()
+    sink_endpoint = free_endpoint()
+    source = opened(listen=source_endpoint, mode="router")
+    session = opened(listen=sink_endpoint, mode="router")
+    command = (sys.executable, "-m", "pointit_lab.benchmarks.bare_zenoh", source_endpoint, sink_endpoint)
+    child = await asyncio.create_subprocess_exec(*command)
     samples: list[zenoh.Sample] = []
     try:
         # It is ready when a sample has come through, there and back.
         for sender, receiver, key in ((source, session, THERE), (session, source, BACK)):
-            reader = receiver.declare_subscriber(key, Callback(samples.append, indirect=False))
+            handler = Callback(samples.append, indirect=False)
+            reader = receiver.declare_subscriber(key, handler)
             async with asyncio.timeout(READY_S):
                 while not samples:
                     sender.put(key, PAYLOAD, attachment=ATTACHMENT)
@@ -229,7 +241,8 @@ async def measure_relay(rate_hz: float, duration_s: float) -> dict[str, Any]:
     samples: list[zenoh.Sample] = []
     async with relaying() as ends:
         publisher = ends.source.declare_publisher(THERE)
-        reader = ends.sink.declare_subscriber(THERE, Callback(samples.append, indirect=False))
+        handler = Callback(samples.append, indirect=False)
+        reader = ends.sink.declare_subscriber(THERE, handler)
         await asyncio.sleep(SETTLE_S)
 
         def put(_turn: int) -> None:
@@ -253,10 +266,10 @@ def relay_until_terminated(source: str, session: str) -> None:
     def relay_back(sample: zenoh.Sample) -> None:
         return_publisher.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
 
-    readers = (
-        source_session.declare_subscriber(THERE, Callback(relay_forward, indirect=False)),
-        sink_session.declare_subscriber(BACK, Callback(relay_back, indirect=False)),
-    )
+    # the readers end with their references
+    reader = source_session.declare_subscriber(THERE, Callback(relay_forward, indirect=False))
+    return_reader = sink_session.declare_subscriber(BACK, Callback(relay_back, indirect=False))
+    readers = (reader, return_reader)
     while readers:
         time.sleep(3600.0)
 

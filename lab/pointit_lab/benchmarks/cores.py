@@ -67,8 +67,9 @@ def run() -> list[dict[str, Any]]:
                 person.point(SAMPLES)
         for (columns, shelves), person in zip(COUNTS, people, strict=True):
             for part, times_s in person.times_s.items():
-                median_us = round(1e6 * float(np.median(times_s)), 1)
-                rows.append({"core": f"{part}, {columns * shelves} things", "map": name, "us": median_us})
+                median_us = 1e6 * float(np.median(times_s))
+                core = f"{part}, {columns * shelves} things"
+                rows.append({"core": core, "map": name, "us": round(median_us, 1)})
     return rows
 
 
@@ -80,17 +81,22 @@ class PersonBeforeThings:
         # The middle of the shelf is in front of the person.
         size_m, apart_m, away_m = shelf
         self._wide_rad = math.atan(2.0 * apart_m / away_m)
-        y_m = -(columns - 1) / 2.0 * apart_m
-        z_m = 1.4 - (rows - 1) / 2.0 * apart_m
+        left_m = -(columns - 1) / 2.0 * apart_m
+        lowest_m = 1.4 - (rows - 1) / 2.0 * apart_m
+        size = (size_m, size_m, size_m)
         things: list[Thing] = []
         for column in range(columns):
             for row in range(rows):
-                center_m = (away_m, y_m + column * apart_m, z_m + row * apart_m)
-                size = (size_m, size_m, size_m)
-                things.append(Thing(id=f"t{column}_{row}", center_m=center_m, size_m=size, lamp="lamp"))
+                y_m = left_m + column * apart_m
+                z_m = lowest_m + row * apart_m
+                name = f"t{column}_{row}"
+                things.append(Thing(id=name, center_m=(away_m, y_m, z_m), size_m=size, lamp="lamp"))
         self._room = Environment(stamp_ns=0, name="shelf", things=tuple(things))
+
+        # the person at the origin, before a selector that knows the shelf
+        pose = UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
         self._cursors = PersonCursor(Surfaces(self._room))
-        self._cursors.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+        self._cursors.set_pose(pose)
         self._selector = SelectionEngine(SelectorConfig(method="estimate"), lambda _record: None)
         self._selector.on_map(self._room)
         self._listed = listing(self._room, 0)
@@ -105,24 +111,26 @@ class PersonBeforeThings:
                 self._list(now_ns)
             azimuth = self._wide_rad * math.sin(sample / 40)
             elevation = 0.15 * math.sin(sample / 13) - 0.09
-            ray = PointingRay.model_construct(
-                stamp_ns=now_ns, origin_m=EYES_M, direction=vector.direction(azimuth, elevation)
-            )
-            began_s = time.thread_time()
+            direction = vector.direction(azimuth, elevation)
+            ray = PointingRay.model_construct(stamp_ns=now_ns, origin_m=EYES_M, direction=direction)
+            start_s = time.thread_time()
             cursor = self._cursors.cursor(ray)
             drawn_s = time.thread_time()
             if cursor is not None:
                 self._selector.on_cursor("anna", cursor)
-            ended_s = time.thread_time()
-            self.times_s["cursor and hover"].append(ended_s - began_s)
-            self.times_s["hover alone"].append(ended_s - drawn_s)
+            end_s = time.thread_time()
+            self.times_s["cursor and hover"].append(end_s - start_s)
+            self.times_s["hover alone"].append(end_s - drawn_s)
         self._samples += samples
 
     def _list(self, now_ns: int) -> None:
-        began_s = time.thread_time()
-        sent = encode(self._listed.model_copy(update={"stamp_ns": now_ns}))
+        # encoded and decoded, as for a selector in another process
+        start_s = time.thread_time()
+        listed = self._listed.model_copy(update={"stamp_ns": now_ns})
+        sent = encode(listed)
         self._selector.on_objects(TRACKER, decode(TrackedObjects, sent))
-        self.times_s["list"].append(time.thread_time() - began_s)
+        spent_s = time.thread_time() - start_s
+        self.times_s["list"].append(spent_s)
 
 
 def large_site_rows() -> list[dict[str, Any]]:
@@ -131,15 +139,18 @@ def large_site_rows() -> list[dict[str, Any]]:
     for pixels, outputs in LARGE_SITES:
         for kind in ("ddp", "e131"):
             for changes in ("one strip", "all strips"):
-                rows.append(asyncio.run(_row(pixels, outputs, kind, changes)))
+                row = _row(pixels, outputs, kind, changes)
+                rows.append(asyncio.run(row))
     return rows
 
 
 async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, Any]:
-    ids = [f"s{number}" for number in range(pixels // STRIP_PIXELS)]
+    strips = pixels // STRIP_PIXELS
+    ids = [f"s{number}" for number in range(strips)]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("", 0))
-        outputs = _outputs(ids, count, kind, receiver.getsockname()[1])
+        _, port = receiver.getsockname()
+        outputs = _outputs(ids, count, kind, port)
         room = _room(ids)
         lights = LightState(LedDriverConfig(objects_timeout_s=60.0))
         lights.on_map(room)
@@ -150,23 +161,26 @@ async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, An
         tasks = [asyncio.create_task(output.run()) for output in outputs]
 
         # Both times begin after the first frames, which also set up what the outputs need.
-        began_s = drawn_s = 0.0
+        start_s = 0.0
+        drawn_s = 0.0
         for number in range(WARM_FRAMES + FRAMES):
             if number == WARM_FRAMES:
-                began_s = time.process_time()
+                start_s = time.process_time()
                 drawn_s = 0.0
             drawn_s += await _draw(lights, outputs, ids, number)
-        spent_s = time.process_time() - began_s
+        spent_s = time.process_time() - start_s
         for task in tasks:
             task.cancel()
         await asyncio.wait(tasks)
+    drawing_ms = drawn_s / FRAMES * 1e3
+    frame_ms = spent_s / FRAMES * 1e3
     return {
         "pixels": pixels,
         "outputs": count,
         "kind": kind,
         "changes": changes,
-        "drawing_ms": round(drawn_s / FRAMES * 1e3, 2),
-        "frame_ms": round(spent_s / FRAMES * 1e3, 2),
+        "drawing_ms": round(drawing_ms, 2),
+        "frame_ms": round(frame_ms, 2),
     }
 
 
@@ -191,12 +205,13 @@ def _outputs(ids: list[str], count: int, kind: str, port: int) -> list[GuardedOu
     """Return outputs of one protocol, each at an address of its own with its share of the strips."""
     outputs: list[dict[str, Any]] = []
     for number in range(count):
+        segments = [{"strip": name} for name in ids[number::count]]
         output = {
             "kind": kind,
             "host": f"127.0.0.{1 + number}",
             "port": port,
             "max_rate_hz": 1000.0,
-            "segments": [{"strip": name} for name in ids[number::count]],
+            "segments": segments,
         }
         outputs.append(output)
     config = LedDriverConfig.model_validate({"outputs": outputs})
@@ -218,8 +233,9 @@ def _room(ids: list[str]) -> Environment:
 
 def _packages(ids: list[str]) -> TrackedObjects:
     """Return a moving object on each strip."""
-    objects = [
-        TrackedObject(
+    objects: list[TrackedObject] = []
+    for name in ids:
+        package = TrackedObject(
             id=name,
             kind="red",
             position_m=(0.0, 0.0, 0.0),
@@ -229,6 +245,5 @@ def _packages(ids: list[str]) -> TrackedObjects:
             surface_position_m=1.0,
             surface_speed_mps=FAST_MPS,
         )
-        for name in ids
-    ]
+        objects.append(package)
     return TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects))

@@ -63,19 +63,23 @@ def measure() -> dict[str, Any]:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         totals = [total / samples for total in pool.map(_count_instructions, left_out)]
     by_hop: dict[str, int] = {}
-    for place, hop in enumerate(HOPS):
-        by_hop[hop] = round(totals[place + 1] - totals[place])
+    for hop, (without, with_hop) in zip(HOPS, itertools.pairwise(totals), strict=True):
+        by_hop[hop] = round(with_hop - without)
 
     # Each of the others has a run of its own: counting would change the time, and tracing both.
     times_s: list[float] = []
     run_virtually(drive(lambda: times_s.append(time.thread_time())))
-    cpu_us = (times_s[1] - times_s[0]) / samples * 1e6
+    start_s, end_s = times_s
+    cpu_us = (end_s - start_s) / samples * 1e6
     messages = run_virtually(drive(lambda: None, read=COUNTED))
     counter = BytecodeCounter()
     run_virtually(drive(counter.toggle))
     bytecodes = counter.executed.total() / samples
     counts = counter.executed.values()
     different = sum(count >= USUAL * samples for count in counts)
+    messages_per_sample: dict[str, float] = {}
+    for key, count in messages.items():
+        messages_per_sample[key] = round(count / samples, 2)
     return {
         "people": PEOPLE,
         "samples": samples,
@@ -85,7 +89,7 @@ def measure() -> dict[str, Any]:
         "cpu_us": round(cpu_us, 1),
         "bytecodes": round(bytecodes),
         "different": different,
-        "messages": {key: round(count / samples, 2) for key, count in messages.items()},
+        "messages": messages_per_sample,
     }
 
 
@@ -93,16 +97,19 @@ def _count_instructions(left_out: Collection[str]) -> int:
     """Return the instructions of all samples, by Valgrind, without the services in `left_out`."""
     with tempfile.TemporaryDirectory() as folder:
         counts = Path(folder) / "counts"
+        # the same hashes in each run: the order of sets would change the count
+        environment = os.environ | {"PYTHONHASHSEED": "0", "POINTIT_STATE": folder}
         tool = ["valgrind", "--tool=callgrind", f"--dump-before={MARK}", f"--callgrind-out-file={counts}"]
         subprocess.run(
             [*tool, sys.executable, "-m", __name__, *left_out],
-            env=os.environ | {"PYTHONHASHSEED": "0", "POINTIT_STATE": folder},
+            env=environment,
             stderr=subprocess.DEVNULL,  # what Valgrind says of itself
             check=True,
         )
-        lines = Path(f"{counts}.2").read_text(encoding="utf-8").splitlines()  # .1: before the first MARK
-    total = next(line for line in lines if line.startswith("totals:"))
-    return int(total.split()[1])
+        text = Path(f"{counts}.2").read_text(encoding="utf-8")  # .1: before the first MARK
+    totals = [line for line in text.splitlines() if line.startswith("totals:")]
+    _, total, *_ = totals[0].split()
+    return int(total)
 
 
 class BytecodeCounter:
@@ -150,7 +157,10 @@ async def drive(
 
     for topic in read:
         bus.subscribe(topic, functools.partial(count, key=topic.key))
-    wrists = [LoadTestWrist(bus.publisher(IMU, user), index, clock) for index, user in enumerate(people)]
+    wrists: list[LoadTestWrist] = []
+    for index, user in enumerate(people):
+        publisher = bus.publisher(IMU, user)
+        wrists.append(LoadTestWrist(publisher, index, clock))
     await asyncio.sleep(SETTLE_S)
     await drive_wrists(wrists, RATE_HZ, WARM_UP_S)
 

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import itertools
 import time
+from collections import defaultdict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -59,7 +60,8 @@ USERS = {
 
 def chain() -> list[Launch]:
     """Return the services from wrist to light of scenario_2, for one person."""
-    site, people = load_launches(1, "scenario_2", Choices(settings=(UNLIMITED,)))
+    choices = Choices(settings=(UNLIMITED,))
+    site, people = load_launches(1, "scenario_2", choices)
     return [*site, *people[USER]]
 
 
@@ -109,7 +111,8 @@ async def pointed(duration_s: float) -> list[float]:
     times_s: list[float] = []
 
     async def on_event(event: SelectionEvent) -> None:
-        times_s.append((time.time_ns() - event.stamp_ns) / 1e9)
+        age_ns = time.time_ns() - event.stamp_ns
+        times_s.append(age_ns / 1e9)
 
     async with pointit.run("shelf", users=AT_SHELF, settings=QUICK) as site:
         site.on_pointed()(on_event)
@@ -122,8 +125,10 @@ async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float
     wrist = LoadTestWrist(bus.publisher(IMU, USER))
 
     def on_frame(frame: StripsFrame, _name: str) -> None:
-        if frame.stamp_ns == wrist.stamp_ns:  # it shows the newest sample; others are drawn for other reasons
-            times_s.append((time.time_ns() - frame.stamp_ns) / 1e9)
+        # it shows the newest sample; other frames are drawn for other reasons
+        if frame.stamp_ns == wrist.stamp_ns:
+            age_ns = time.time_ns() - frame.stamp_ns
+            times_s.append(age_ns / 1e9)
 
     bus.subscribe(STRIPS_FRAME, on_frame)
     await asyncio.sleep(SETTLE_S)
@@ -136,11 +141,12 @@ async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float
 
 def user_rows(duration_s: float, free_endpoint: Callable[[], str]) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of `carried` by the names of `USERS`, measured in turns."""
-    rows: dict[str, list[dict[str, Any]]] = {part: [] for part in USERS}
+    rows = defaultdict[str, list[dict[str, Any]]](list)
     for count in PEOPLE:
         for part, endpoint in zip(USERS, ("", free_endpoint()), strict=True):
-            rows[part].append(asyncio.run(carried(count, duration_s, endpoint)))
-    return rows
+            row = asyncio.run(carried(count, duration_s, endpoint))
+            rows[part].append(row)
+    return dict(rows)
 
 
 async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str, Any]:
@@ -153,21 +159,24 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
     ages_s: list[float] = []
 
     def on_cursor(cursor: Cursor, _user: str) -> None:
-        ages_s.append((time.time_ns() - cursor.stamp_ns) / 1e9)
+        age_ns = time.time_ns() - cursor.stamp_ns
+        ages_s.append(age_ns / 1e9)
 
     async with contextlib.AsyncExitStack() as stack:
         listen = (endpoint,) if endpoint else ()
         bus = await ZenohBus.open(Link(listen=listen))
         stack.push_async_callback(bus.close)
         if endpoint:
-            worker = await Worker.start(Group(name="wrists", wrists=[*people]), bus.site, endpoint)
+            group = Group(name="wrists", wrists=list(people))
+            worker = await Worker.start(group, bus.site, endpoint)
             stack.push_async_callback(worker.end)
             drive = _in_worker(worker)
             driver = None
         else:
             wrists: list[LoadTestWrist] = []
             for index, user in enumerate(people):
-                wrists.append(LoadTestWrist(bus.publisher(IMU, user), index))
+                publisher = bus.publisher(IMU, user)
+                wrists.append(LoadTestWrist(publisher, index))
             drive = _here(wrists)
             await drive(WARM_UP_S)
             driver = await _used(drive, duration_s)
@@ -181,11 +190,19 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
         ages_s.clear()
         used = await _used(drive, duration_s)
 
+    return _carried_row(users, duration_s, used, driver, ages_s)
+
+
+def _carried_row(
+    users: int, duration_s: float, used: "_Used", driver: "_Used | None", ages_s: list[float]
+) -> dict[str, Any]:
+    """Return the row of `users` people: what was `used`, without what the `driver` alone uses."""
     driver_us = driver.us_per_sample if driver else 0.0
     services_us = used.us_per_sample - driver_us
     services_share = used.share * services_us / used.us_per_sample
+    planned = users * RATE_HZ * duration_s
     people_sent = used.sent / (RATE_HZ * duration_s)
-    delivered = len(ages_s) / (users * RATE_HZ * duration_s)
+    age_of_cursors = Figures.of(ages_s).as_dict() if ages_s else None
     return {
         "users": users,
         "people_sent": round(people_sent, 3),
@@ -194,8 +211,8 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
         "driver_us_per_sample": round(driver_us, 1) if driver else None,
         "services_share_of_a_core": round(services_share, 4),
         "services_us_per_sample": round(services_us, 1),
-        "delivered": round(delivered, 4),
-        "age_of_cursors": Figures.of(ages_s).as_dict() if ages_s else None,
+        "delivered": round(len(ages_s) / planned, 4),
+        "age_of_cursors": age_of_cursors,
     }
 
 
@@ -217,10 +234,12 @@ class _Used:
 
 
 async def _used(drive: Drive, duration_s: float) -> _Used:
-    cpu_s = time.process_time()
-    wall_s = time.monotonic()
+    cpu_before_s = time.process_time()
+    start_s = time.monotonic()
     sent = await drive(duration_s)
-    return _Used(time.process_time() - cpu_s, time.monotonic() - wall_s, sent)
+    cpu_s = time.process_time() - cpu_before_s
+    wall_s = time.monotonic() - start_s
+    return _Used(cpu_s, wall_s, sent)
 
 
 def _here(wrists: Sequence[LoadTestWrist]) -> Drive:
@@ -248,13 +267,16 @@ def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, LoadSlope]
     fewer than two.
     """
     rows = [row for row in rows if row["delivered"] >= DELIVERED]
+    fixed = [1.0] * len(rows)
     people = [row.get("people_sent", row["users"]) for row in rows]
     shares = [row[share] for row in rows]
-    slopes = fit({"fixed": [1.0] * len(rows), "sample": people}, shares)
+    slopes = fit({"fixed": fixed, "sample": people}, shares)
     scales = {"fixed": 100.0, "sample": 1e6 / RATE_HZ}
     costs: dict[str, LoadSlope] = {}
     for name, slope in slopes.items():
         scale = scales[name]
-        error = None if slope.error is None else slope.error * scale
+        error = None
+        if slope.error is not None:
+            error = slope.error * scale
         costs[name] = LoadSlope(value=slope.value * scale, error=error)
     return costs

@@ -41,7 +41,8 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         # A domain of its own: other ROS nodes of this machine must neither hear it nor be heard.
         command = [f"{PYTHON}", __file__]
-        graph = {"ROS_DOMAIN_ID": f"{10 + os.getpid() % 90}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        domain = 10 + os.getpid() % 90
+        graph = {"ROS_DOMAIN_ID": f"{domain}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         environment = os.environ | graph | {"HOME": folder, "ROS_HOME": folder}
         with (
             subprocess.Popen([*command, "relay"], env=environment, stdin=subprocess.PIPE) as relay,
@@ -56,9 +57,11 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
             output = drive.stdout
             process = psutil.Process(relay.pid)
             try:
+                answer = ""
                 is_ready = output is not None and output.readline() == "ready\n"
                 before = process.cpu_times()
-                answer = output.readline() if output is not None and is_ready else ""
+                if output is not None and is_ready:
+                    answer = output.readline()
                 after = process.cpu_times()
             finally:
                 relay.kill()  # on SIGTERM rclpy ends, but not the process
@@ -67,8 +70,9 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
     counts = json.loads(answer)
     sent = counts["sent"]
     cpu_s = after.user + after.system - before.user - before.system
-    us_per_message = cpu_s / sent * 1e6
-    return {"us_per_message": round(us_per_message, 1), "messages": sent, "lost": sent - counts["returned"]}
+    us_per_message = round(cpu_s / sent * 1e6, 1)
+    lost = sent - counts["returned"]
+    return {"us_per_message": us_per_message, "messages": sent, "lost": lost}
 
 
 def _open_node(name: str) -> tuple[Any, Any]:
@@ -106,13 +110,18 @@ def drive(rate_hz: float, duration_s: float) -> None:
     returned.clear()
     print("ready", flush=True)
     sent = 0
-    began_s = time.monotonic()
-    while (due_s := began_s + sent / rate_hz) < began_s + duration_s:
-        time.sleep(max(0.0, due_s - time.monotonic()))
+    due_s = time.monotonic()
+    start_s = due_s
+    end_s = start_s + duration_s
+    while due_s < end_s:
+        wait_s = due_s - time.monotonic()
+        time.sleep(max(0.0, wait_s))
         publisher.publish(message())
         sent += 1
+        due_s = start_s + sent / rate_hz
     time.sleep(SETTLE_S)
-    print(json.dumps({"sent": sent, "returned": len(returned)}), flush=True)
+    counts = json.dumps({"sent": sent, "returned": len(returned)})
+    print(counts, flush=True)
     os._exit(0)  # rclpy's thread spins
 
 

@@ -27,7 +27,9 @@ async def measure(duration_s: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         commands = Commands(Path(folder))
         try:
-            rounds = [await _round(commands, f"{folder}/{number}", duration_s) for number in range(ROUNDS)]
+            rounds: list[dict[str, float]] = []
+            for number in range(ROUNDS):
+                rounds.append(await _round(commands, f"{folder}/{number}", duration_s))
         finally:
             commands.kill_all()
     mean: dict[str, float] = {}
@@ -36,6 +38,7 @@ async def measure(duration_s: float) -> dict[str, Any]:
         mean[name] = round(share, 4)
     cost_to_recorded_run = mean["recorded_run"] - mean["run"]
     cost_in_one_process = mean["run_that_records"] - mean["run"]
+    load_average, *_ = machine()["load_average"]
     return {
         "scenario": SCENARIO,
         "people": PEOPLE,
@@ -43,7 +46,7 @@ async def measure(duration_s: float) -> dict[str, Any]:
         **mean,
         "cost_to_recorded_run": round(cost_to_recorded_run, 4),
         "cost_in_one_process": round(cost_in_one_process, 4),
-        "load_average": machine()["load_average"][0],
+        "load_average": load_average,
     }
 
 
@@ -68,13 +71,14 @@ async def _round(commands: Commands, prefix: str, duration_s: float) -> dict[str
         length_s = (recording_file.ended_ns - recording_file.began_ns) / NS_PER_S
         messages = sum(recording_file.counts.values())
         size = path.stat().st_size  # noqa: ASYNC240 - nothing else runs here
+    bytes_per_s = size / length_s
     return {
         "run": alone,
         "recorded_run": recorded,
         "recorder_process": by_process,
         "run_that_records": recording,
         "messages_per_s": messages / length_s,
-        "kbytes_per_s": size / length_s / 1e3,
+        "kbytes_per_s": bytes_per_s / 1e3,
     }
 
 
@@ -82,18 +86,25 @@ def _run(commands: Commands, *more: str) -> tuple[str, Command]:
     """Return the address of a run, and the run."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     options = ("--users", str(PEOPLE), "--no-web", "--no-view", "--duration", NO_LIMIT_S)
-    return endpoint, commands.start("run", SCENARIO, *options, "--listen", endpoint, *more)
+    run = commands.start("run", SCENARIO, *options, "--listen", endpoint, *more)
+    return endpoint, run
 
 
 async def _shares(duration_s: float, *commands: Command) -> list[float]:
     """Return the share of a core that each command takes during `duration_s`."""
     processes = [psutil.Process(command.process.pid) for command in commands]
-    before_s = [sum(process.cpu_times()[:2]) for process in processes]  # user and system
-    began_s = time.monotonic()
+    before_s = [_cpu_s(process) for process in processes]
+    start_s = time.monotonic()
     await asyncio.sleep(duration_s)
-    wall_s = time.monotonic() - began_s
+    wall_s = time.monotonic() - start_s
     shares: list[float] = []
     for process, cpu_before_s in zip(processes, before_s, strict=True):
-        cpu_s = sum(process.cpu_times()[:2])
-        shares.append((cpu_s - cpu_before_s) / wall_s)
+        cpu_s = _cpu_s(process) - cpu_before_s
+        shares.append(cpu_s / wall_s)
     return shares
+
+
+def _cpu_s(process: psutil.Process) -> float:
+    """Return the time of a process in user and system mode."""
+    times = process.cpu_times()
+    return times.user + times.system

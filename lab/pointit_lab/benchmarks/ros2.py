@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Backend, Graph, Qos
+from pointit.bridges.ros2.graph.backend import Backend, Graph, Qos, Writer
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation
@@ -43,7 +43,8 @@ class StderrWarnings:
 
     def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Print `sentence`."""
-        print(f"{code} {subject}: {sentence}", file=sys.stderr)
+        line = f"{code} {subject}: {sentence}"
+        print(line, file=sys.stderr)
 
     def clear(self, code: str, subject: str = "") -> None:
         """Do nothing."""
@@ -64,18 +65,23 @@ class Ends:
         """Samples that arrived on our bus."""
         self._presences = [bus.announce(USER_ALIVE, user) for user in self.users]
         self._ours = {user: bus.publisher(RAY, user) for user in self.users}
+
+        # the other end: wrists that publish, and a node that reads rays
         kind = self.types.kind(ROTATION_TYPE)
-        self._ros_end = {
-            user: backend.advertise(f"/{user}/metawear_ros/rotation", kind, Qos()) for user in self.users
-        }
+        self._ros_end: dict[str, Writer] = {}
+        for user in self.users:
+            name = f"/{user}/metawear_ros/rotation"
+            self._ros_end[user] = backend.advertise(name, kind, Qos())
         ray_kind = self.types.kind(RAY_TYPE)
         for user in self.users:
-            backend.subscribe(f"/{user}/pointing_ray", ray_kind, Qos(depth=100), self._on_message)
+            name = f"/{user}/pointing_ray"
+            backend.subscribe(name, ray_kind, Qos(depth=100), self._on_message)
         self.reader = bus.subscribe(WRIST, self._on_sample)
 
     def _on_message(self, cdr: bytes) -> None:
         stamp = self.types.decode(RAY_TYPE, cdr).header.stamp
-        self.rays.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        self.rays.append(stamp_ns)
 
     def _on_sample(self, sample: WristSample, _user: str) -> None:
         self.samples.append(sample)
@@ -90,18 +96,16 @@ class Ends:
         make = self.types.make
         sec, nanosec = divmod(stamp_ns, 1_000_000_000)
         stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        header = make("std_msgs/msg/Header", stamp=stamp, frame_id="arm")
         x, y, z, w = rotation.from_azimuth_elevation(0.3, -0.2)
-        value = make(
-            ROTATION_TYPE,
-            header=make("std_msgs/msg/Header", stamp=stamp, frame_id="arm"),
-            quaternion=make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-        )
-        self._ros_end[user].put(self.types.encode(ROTATION_TYPE, value))
+        quaternion = make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        message = make(ROTATION_TYPE, header=header, quaternion=quaternion)
+        self._ros_end[user].put(self.types.encode(ROTATION_TYPE, message))
 
     async def ready(self) -> None:
         """Wait until messages of every person arrive both ways."""
         async with asyncio.timeout(TIMEOUT_S):
-            while len(self.rays) < USERS or len(self.samples) < USERS:
+            while min(len(self.rays), len(self.samples)) < USERS:
                 for user in self.users:
                     self.put_ray(user, time.time_ns())
                     self.put_rotation(user, time.time_ns())
@@ -121,11 +125,15 @@ async def measure(duration_s: float) -> dict[str, Any]:
             "bare_relay": bare,
         }
         result["nothing"] = await _cost(ends, duration_s, [])
-        result["out"] = [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)]
-        result["in"] = [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)]
-        both: list[Callable[[str, int], None]] = [ends.put_ray, ends.put_rotation]
-        result["both"] = [await _cost(ends, duration_s, both) for _ in range(ROUNDS)]
-        result["memory_mb"] = round(ends.process.memory_info().rss / 1e6, 1)
+        directions: dict[str, list[Callable[[str, int], None]]] = {
+            "out": [ends.put_ray],
+            "in": [ends.put_rotation],
+            "both": [ends.put_ray, ends.put_rotation],
+        }
+        for direction, puts in directions.items():
+            result[direction] = [await _cost(ends, duration_s, puts) for _ in range(ROUNDS)]
+        memory_bytes = ends.process.memory_info().rss
+        result["memory_mb"] = round(memory_bytes / 1e6, 1)
         result["after"] = machine()
         return result
 
@@ -144,7 +152,8 @@ async def bridged() -> AsyncGenerator[Ends]:
         has_bridge = asyncio.Event()
 
         def on_graph(graph: Graph) -> None:
-            if ("/packages", "/pointit") in {(endpoint.name, endpoint.node) for endpoint in graph.endpoints}:
+            nodes = {(endpoint.name, endpoint.node) for endpoint in graph.endpoints}
+            if ("/packages", "/pointit") in nodes:
                 has_bridge.set()
 
         # The graph is watched before the bridge starts: no change of it is missed.
@@ -171,14 +180,14 @@ async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], N
     superseded_before = ends.reader.traffic.dropped
 
     def put_all(turn: int) -> None:
+        user = ends.users[turn % USERS]
         for put in puts:
-            put(ends.users[turn % USERS], time.time_ns())
+            put(user, time.time_ns())
 
-    messages, figures = await relay_cost(ends.process, put_all, HZ * USERS, duration_s, per_turn=len(puts))
+    turns_hz = HZ * USERS
+    messages, figures = await relay_cost(ends.process, put_all, turns_hz, duration_s, per_turn=len(puts))
+    # superseded by the same person's next one while this process was stopped
     superseded = ends.reader.traffic.dropped - superseded_before
     arrived = len(ends.rays) + len(ends.samples)
-    return {
-        **figures,
-        "superseded": superseded,  # by the same person's next one while this process was stopped
-        "lost": messages - arrived - superseded,
-    }
+    lost = messages - arrived - superseded
+    return {**figures, "superseded": superseded, "lost": lost}

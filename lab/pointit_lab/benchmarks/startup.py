@@ -28,7 +28,7 @@ def start(scenario: str = "scenario_3") -> dict[str, Any]:
     an object and points at it. `first_light_without_queue_s` is `command_to_first_light_s` without the time
     in which the main thread waited for a core that another program had (on Linux; elsewhere they are equal).
     """
-    runs = [_run(scenario) for _ in range(RUNS + 1)][1:]
+    _, *runs = [_run(scenario) for _ in range(RUNS + 1)]
     result: dict[str, Any] = {"scenario": scenario}
     for name in runs[0]:
         median = statistics.median(run[name] for run in runs)
@@ -41,7 +41,7 @@ def _run(scenario: str) -> dict[str, float]:
         summary_file = Path(folder) / "summary.json"
         command = [sys.executable, "-m", "pointit", "run", scenario]
         command += ["--duration", str(RUN_S), "--no-view", "--summary", str(summary_file)]
-        began_s = time.time()
+        start_s = time.time()
         child = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=ENVIRONMENT
         )
@@ -54,24 +54,28 @@ def _run(scenario: str) -> dict[str, float]:
             try:
                 process = psutil.Process(child.pid)
                 peak_bytes = max(peak_bytes, process.memory_info().rss)
-                seen_at[time.time()] = sum(process.cpu_times()[:2]), _queued_s(child.pid)
+                user_s, system_s, *_ = process.cpu_times()
+                queued_s = _queued_s(child.pid)
+                seen_at[time.time()] = (user_s + system_s, queued_s)
             except psutil.Error:
                 break
             time.sleep(LOOK_S)
         code = child.wait()
         if code:
             raise RuntimeError(f"pointit run ended with {code}")
-        summary = json.loads(summary_file.read_text(encoding="utf-8"))
+        text = summary_file.read_text(encoding="utf-8")
+        summary = json.loads(text)
 
     light_s = summary["first_frame_unix_s"]
     nearest_s = min(seen_at, key=lambda at_s: abs(at_s - light_s))
     cpu_s, queued_s = seen_at[nearest_s]
-    to_light_s = light_s - began_s
+    to_light_s = light_s - start_s
+    to_cursor_s = summary["first_cursor_unix_s"] - start_s
     return {
         "command_to_first_light_s": to_light_s,
         "first_light_without_queue_s": to_light_s - queued_s,
         "first_light_cpu_s": cpu_s,
-        "command_to_first_cursor_s": summary["first_cursor_unix_s"] - began_s,
+        "command_to_first_cursor_s": to_cursor_s,
         "memory_peak_mb": peak_bytes / 1e6,
     }
 
@@ -79,7 +83,8 @@ def _run(scenario: str) -> dict[str, float]:
 def _queued_s(pid: int) -> float:
     """Return the time in which the main thread of a process was ready and had no core, or 0 if unknown."""
     try:
-        fields = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()
-        return int(fields[1]) / 1e9
-    except (OSError, IndexError):
+        text = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii")
+        _, waited_ns, *_ = text.split()
+        return int(waited_ns) / 1e9
+    except (OSError, ValueError):
         return 0.0

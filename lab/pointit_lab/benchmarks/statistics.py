@@ -18,15 +18,17 @@ class Figures:
     @classmethod
     def of(cls, values_s: list[float]) -> "Figures":
         """Return the quantiles of `values_s`, seconds, not empty."""
-        values = sorted(values_s)
-        last = len(values) - 1
-        p50_s = values[last // 2]
-        p99_s = values[int(last * 0.99)]
-        return cls(count=len(values), p50_ms=p50_s * 1e3, p99_ms=p99_s * 1e3, max_ms=values[-1] * 1e3)
+        sorted_ms = [value_s * 1e3 for value_s in sorted(values_s)]
+        last = len(sorted_ms) - 1
+        p50_ms = sorted_ms[last // 2]
+        p99_ms = sorted_ms[int(last * 0.99)]
+        return cls(count=len(sorted_ms), p50_ms=p50_ms, p99_ms=p99_ms, max_ms=sorted_ms[-1])
 
     def ratio_to(self, figures: "Figures") -> dict[str, float]:
         """Return p50 and p99 as multiples of `figures`'s."""
-        return {"p50": self.p50_ms / figures.p50_ms, "p99": self.p99_ms / figures.p99_ms}
+        p50 = self.p50_ms / figures.p50_ms
+        p99 = self.p99_ms / figures.p99_ms
+        return {"p50": p50, "p99": p99}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the quantiles for JSON."""
@@ -36,9 +38,10 @@ class Figures:
 def machine() -> dict[str, Any]:
     """Return the conditions of a measurement: processor count, load, versions."""
     load_average = [round(value, 2) for value in os.getloadavg()]
+    system = f"{platform.system()} {platform.machine()}"
     return {
         "cores": os.cpu_count(),
         "load_average": load_average,
         "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.machine()}",
+        "system": system,
     }

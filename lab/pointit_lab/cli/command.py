@@ -41,7 +41,8 @@ def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str
 
 def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
     remarks = [UNCORRECTED_REMARK]
-    if (FEEDBACK, CHAINED) in {(row.set, row.condition) for row in rows}:
+    conditions = {(row.set, row.condition) for row in rows}
+    if (FEEDBACK, CHAINED) in conditions:
         remarks.append(CHAINS_REMARK)
     if any(row.solver == "bound" for row in rows):
         remarks.append(BOUND_REMARK)
@@ -145,7 +146,8 @@ def localization(
             return
 
         screen = evaluation_console()
-        print_rows(screen, shown(rows, brief=brief), _localization_remarks(rows, BASELINE_TRIALS))
+        remarks = _localization_remarks(rows, BASELINE_TRIALS)
+        print_rows(screen, shown(rows, brief=brief), remarks)
         for name, figures in figures_by_set.items():
             print_over_people(screen, f"{name}, over people", figures, OURS)
 
@@ -244,7 +246,8 @@ def check_sets(sets: Sequence[str], known: Sequence[str], option: str = "--set")
     for name in sets:
         if name not in known:
             noun = option.removeprefix("--")
-            raise ConfigError(f"{option} {name}: there is no such {noun}; there are {', '.join(known)}")
+            names = ", ".join(known)
+            raise ConfigError(f"{option} {name}: there is no such {noun}; there are {names}")
 
 
 def tell(rows: Sequence[Row], json_file: Path | None, remarks: Sequence[str], *, brief: bool) -> None:
@@ -262,4 +265,5 @@ def shown(rows: Sequence[Row], *, brief: bool) -> list[Row]:
 
 def sets_of(rows: Sequence[Row]) -> list[str]:
     """Return the names of the sets of `rows`, in order."""
-    return list(dict.fromkeys(row.set for row in rows))
+    names = dict.fromkeys(row.set for row in rows)
+    return list(names)

@@ -84,7 +84,8 @@ def honesty(
 
     # What was mistyped is reported before anything is computed.
     check_sets(sets, SETS)
-    check_sets(names, [injection.name for injection in INJECTIONS], "--condition")
+    all_names = [injection.name for injection in INJECTIONS]
+    check_sets(names, all_names, "--condition")
     check_writable(json_file)
     injections = list(INJECTIONS)
     if names:
@@ -121,10 +122,15 @@ def honesty(
         expected = set(product(sets or default_sets, conditions))
         worse = regressions(rows, expected) if gate else []
         misses = missed(rows)
-        document: dict[str, Any] = {"rows": [row.as_json() for row in rows]}
-        document["pooled"] = [row.as_json() for row in pooled]
-        document["missed"] = [_missed_document(row, figures) for row, figures in misses]
-        document["worse"] = worse
+        missed_documents = [_missed_document(row, figures) for row, figures in misses]
+        row_documents = [row.as_json() for row in rows]
+        pooled_documents = [row.as_json() for row in pooled]
+        document: dict[str, Any] = {
+            "rows": row_documents,
+            "pooled": pooled_documents,
+            "missed": missed_documents,
+            "worse": worse,
+        }
         if not write_json(document, json_file):
             print_honesty([*rows, *pooled], misses)
 
@@ -182,24 +188,29 @@ def print_honesty(rows: Sequence[HonestyRow], missed: Sequence[tuple[HonestyRow,
     for name, group in groupby(rows, key=lambda row: row.set):
         shown = [row for row in group if row.duration == EVERY]
         words = {"condition": [row.condition for row in shown]}
-        console.print(fitted_table(console, name, words, COLUMNS, shown).table)
+        fitted = fitted_table(console, name, words, COLUMNS, shown)
+        console.print(fitted.table)
     console.print(Text(NOTES))
     if missed:
         console.print(Text(MISSED, style="bold"))
     for row, figures in missed:
-        console.print(Text(f"  {row.set}, {row.condition}: {', '.join(figures)}"))
+        reasons = ", ".join(figures)
+        console.print(Text(f"  {row.set}, {row.condition}: {reasons}"))
 
 
 def _range(shares: tuple[float, float] | None) -> str | None:
     if shares is None:
         return None
     low, high = shares
-    return f"{100.0 * low:.0f}-{100.0 * high:.0f}"
+    low_percent = 100.0 * low
+    high_percent = 100.0 * high
+    return f"{low_percent:.0f}-{high_percent:.0f}"
 
 
 def _interval(share: Interval | None) -> str | None:
     if share is None:
         return None
+    percent = 100.0 * share.value
     low = 100.0 * share.low
     high = 100.0 * share.high
-    return f"{100.0 * share.value:.1f} [{low:.1f}, {high:.1f}] %"
+    return f"{percent:.1f} [{low:.1f}, {high:.1f}] %"

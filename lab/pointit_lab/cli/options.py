@@ -28,7 +28,10 @@ DATA: dict[str, Any] = {"type": click.Path(path_type=Path), "envvar": VARIABLE, 
 
 
 def _jobs(_context: click.Context, _option: click.Parameter, jobs: int | None) -> int:
-    return jobs if jobs is not None else min(MAX_JOBS, len(os.sched_getaffinity(0)))
+    if jobs is not None:
+        return jobs
+    cores = len(os.sched_getaffinity(0))
+    return min(MAX_JOBS, cores)
 
 
 JOBS = click.option(
@@ -61,8 +64,8 @@ def check_writable(file: Path | None, option: str = "--json") -> None:
         return
     if file.is_dir():
         raise ConfigError(f"{option} {file}: is a folder; give a file")
-    there = file if file.exists() else file.parent
-    if not os.access(there, os.W_OK):
+    existing = file if file.exists() else file.parent
+    if not os.access(existing, os.W_OK):
         raise ConfigError(f"{option} {file}: cannot be written; give a file in a folder of yours")
 
 

@@ -217,7 +217,9 @@ def _differences(differences: Sequence[Difference]) -> Table:
     for difference in differences:
         methods = f"{difference.method} - {difference.other}"
         errors = _interval(difference.errors, 100.0, "%")
-        time = "-" if difference.time_s is None else _interval(difference.time_s, 1.0, "s")
+        time = "-"
+        if difference.time_s is not None:
+            time = _interval(difference.time_s, 1.0, "s")
         claims = "; ".join(difference.claims) or "-"
         # As `Text`: brackets of intervals are no markup.
         texts = (difference.condition, methods, errors, time, claims)
@@ -226,6 +228,7 @@ def _differences(differences: Sequence[Difference]) -> Table:
 
 
 def _interval(interval: Interval, scale: float, unit: str) -> str:
+    value = scale * interval.value
     low = scale * interval.low
     high = scale * interval.high
-    return f"{scale * interval.value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"
+    return f"{value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"

@@ -128,7 +128,8 @@ def _table(
     lines = list(zip(*words.values(), strict=True))
     blocks = [line[0] for line in lines]
     has_blocks = len(set(blocks)) < len(blocks)
-    for index, (line, next_block) in enumerate(zip(lines, [*blocks[1:], None], strict=True)):
+    next_blocks = [*blocks[1:], None]
+    for index, (line, next_block) in enumerate(zip(lines, next_blocks, strict=True)):
         cells = [Text(text) for text in line]
         for _, figure_texts in figures:
             cells.append(_figure(figure_texts[index]))
@@ -138,17 +139,24 @@ def _table(
 
 
 def _figure(text: str | None) -> Text:
-    return Text("-", style="dim") if text is None else Text(text)
+    if text is None:
+        return Text("-", style="dim")
+    return Text(text)
 
 
 def number(value: float | None, digits: int) -> str | None:
     """Return the text of `value`, or None."""
-    return None if value is None else f"{value:.{digits}f}"
+    if value is None:
+        return None
+    return f"{value:.{digits}f}"
 
 
 def share(value: float | None, digits: int = 0) -> str | None:
     """Return the text of a share in per cent, or None."""
-    return None if value is None else f"{100.0 * value:.{digits}f} %"
+    if value is None:
+        return None
+    percent = 100.0 * value
+    return f"{percent:.{digits}f} %"
 
 
 def _spread(
@@ -160,7 +168,9 @@ def _spread(
 
         def cell(row: Row, part: str = part) -> str | None:  # as a default: `part` is that of this turn
             spread = of(row)
-            return None if spread is None else number(getattr(spread, part), digits)
+            if spread is None:
+                return None
+            return number(getattr(spread, part), digits)
 
         # The median bears the name and the note of all of them.
         if is_first:
@@ -250,7 +260,8 @@ _COLUMNS = (
 
 def evaluation_console() -> Console:
     """Return a console on standard output with the width of the terminal, of COLUMNS, or `PIPE_WIDTH`."""
-    is_known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    columns = os.environ.get("COLUMNS", "")
+    is_known = sys.stdout.isatty() or columns.isdigit()
     return Console(width=None if is_known else PIPE_WIDTH)
 
 
@@ -275,7 +286,8 @@ def print_rows(console: Console, rows: Sequence[Row], remarks: Sequence[str] = (
         needed = max(needed, fitted.needed)
 
     # Tables share columns: each note and each name is printed once, in the order of the columns.
-    console.print(Text(" ".join(dict.fromkeys([*notes, *remarks]))))
+    texts = dict.fromkeys([*notes, *remarks])
+    console.print(Text(" ".join(texts)))
     if left_out:
         names = ", ".join(dict.fromkeys(left_out))
         wider = f"With {needed} columns (COLUMNS={needed} in a pipe) this shows also: {names}."
@@ -293,13 +305,18 @@ def print_over_people(console: Console, name: str, over: Sequence[OverPeople], r
 
 
 def _over_people_row(figures: OverPeople) -> dict[str, Any]:
-    ratio = "" if figures.ratio is None else _interval(figures.ratio)
-    row: dict[str, Any] = {"condition": figures.condition, "solver": figures.solver, "people": figures.people}
-    row["error"] = _interval(figures.error, figures.unit)
-    row["without one"] = _range(figures.error_without_one)
-    row["ratio"] = ratio
-    row["without one person"] = _range(figures.without_one)
-    return row
+    ratio = ""
+    if figures.ratio is not None:
+        ratio = _interval(figures.ratio)
+    return {
+        "condition": figures.condition,
+        "solver": figures.solver,
+        "people": figures.people,
+        "error": _interval(figures.error, figures.unit),
+        "without one": _range(figures.error_without_one),
+        "ratio": ratio,
+        "without one person": _range(figures.without_one),
+    }
 
 
 def _range(ends: tuple[float, float] | None) -> str:

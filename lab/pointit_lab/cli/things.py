@@ -68,14 +68,17 @@ def things(
 
     check_writable(json_file)
     if method not in METHODS.names:
-        raise ConfigError(f"--method {method}: there is no such method; there are {', '.join(METHODS.names)}")
+        names = ", ".join(METHODS.names)
+        raise ConfigError(f"--method {method}: there is no such method; there are {names}")
     config = SelectorConfig(method=method)
 
     # A process computes a batch of reaches at once, or one person who points elsewhere.
     reach_batches: list[tuple[ThingRow, int, int]] = []
+    end_seed = seed + trials
     for row in ROWS:
-        for first in range(seed, seed + trials, BATCH):
-            reach_batches.append((row, first, min(BATCH, seed + trials - first)))
+        for first in range(seed, end_seed, BATCH):
+            count = min(BATCH, end_seed - first)
+            reach_batches.append((row, first, count))
     bystanders: list[tuple[MissKind, int, float]] = []
     for kind in MISS_KINDS:
         for index in range(people):
@@ -104,10 +107,11 @@ def things(
         per_half_hour: dict[MissKind, float] = {}
         if people:
             counts = dict.fromkeys(MISS_KINDS, 0)
-            for (kind, _, _), count in zip(bystanders, wrong_counts, strict=True):
-                counts[kind] += count
-            per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in counts.items()}
-        document = {"rows": [asdict(row) for row in rows], "unintended_per_30_min": per_half_hour}
+            for (kind, _, _), wrong in zip(bystanders, wrong_counts, strict=True):
+                counts[kind] += wrong
+            per_half_hour = _rates(counts, people * minutes)
+        row_objects = [asdict(row) for row in rows]
+        document = {"rows": row_objects, "unintended_per_30_min": per_half_hour}
         if not write_json(document, json_file):
             _print(rows, per_half_hour)
 
@@ -123,15 +127,28 @@ COLUMNS: "tuple[Column[ReachRow], ...]" = (
 )
 
 
+def _rates(counts: "Mapping[MissKind, int]", minutes: float) -> "dict[MissKind, float]":
+    """Return the unintended firings in 30 minutes, of counts in `minutes`."""
+    rates: dict[MissKind, float] = {}
+    for kind, wrong in counts.items():
+        rates[kind] = 30.0 * wrong / minutes
+    return rates
+
+
 def _print(rows: "Sequence[ReachRow]", per_half_hour: "Mapping[MissKind, float]") -> None:
     screen = evaluation_console()
     words = {"things": [row.name for row in rows]}
-    screen.print(fitted_table(screen, "", words, COLUMNS, rows).table)
+    fitted = fitted_table(screen, "", words, COLUMNS, rows)
+    screen.print(fitted.table)
     screen.print(Text(NOTES))
     for kind, rate in per_half_hour.items():
-        screen.print(Text(f"Unintended firings in 30 min of pointing at {PLACES[kind]}: {rate:.1f}"))
+        sentence = f"Unintended firings in 30 min of pointing at {PLACES[kind]}: {rate:.1f}"
+        screen.print(Text(sentence))
 
 
 def _interval(share: "Share") -> str:
     low, high = share.interval
-    return f"{100.0 * share.value:.1f} [{100.0 * low:.0f}, {100.0 * high:.0f}]"
+    percent = 100.0 * share.value
+    low_percent = 100.0 * low
+    high_percent = 100.0 * high
+    return f"{percent:.1f} [{low_percent:.0f}, {high_percent:.0f}]"

@@ -50,7 +50,8 @@ class AgvBrokerDevice(MqttBrokerDevice):
             self.agv.drive(SPEED_MPS * TICK_S)
             if self.agv.has_changed:
                 await self.publish(f"{TOPICS}/state", self.agv.state())
-            await self.publish(f"{TOPICS}/visualization", self.agv.visualization())
+            pose = self.agv.visualization()
+            await self.publish(f"{TOPICS}/visualization", pose)
             await asyncio.sleep(TICK_S)
 
 
@@ -96,7 +97,9 @@ class VirtualAgv:
                 part = distance_m / away_m
                 x_m, y_m = self.place
                 node_x_m, node_y_m = node_place
-                self.place = (x_m + part * (node_x_m - x_m), y_m + part * (node_y_m - y_m))
+                x_m += part * (node_x_m - x_m)
+                y_m += part * (node_y_m - y_m)
+                self.place = (x_m, y_m)
                 return
             distance_m -= away_m
             self.place = node_place
@@ -150,17 +153,21 @@ class VirtualAgv:
         # AGV stands.
         is_continued = is_update or bool(self.base)
         if is_continued:
-            last_id = self.base[-1]["nodeId"] if self.base else self._last_node[0]
+            last_id, _ = self._last_node
+            if self.base:
+                last_id = self.base[-1]["nodeId"]
             is_wrong = first["nodeId"] != last_id
         else:
             is_wrong = math.dist(_place(first), self.place) > MAX_START_M
         if is_wrong:
+            order_id, update_id = ids
             references = [
-                {"referenceKey": "orderId", "referenceValue": ids[0]},
-                {"referenceKey": "orderUpdateId", "referenceValue": str(ids[1])},
+                {"referenceKey": "orderId", "referenceValue": order_id},
+                {"referenceKey": "orderUpdateId", "referenceValue": str(update_id)},
             ]
             kind = "orderUpdateError" if is_update else "noRouteError"
             self._errors = [{"errorType": kind, "errorLevel": "WARNING", "errorReferences": references}]
+            return
             return
 
         self._errors = []
@@ -195,7 +202,9 @@ class VirtualAgv:
         x_m = node_x_m - self.place[0]
         y_m = node_y_m - self.place[1]
         away_m = math.hypot(x_m, y_m) or 1.0  # at the node it does not move
-        return {"vx": SPEED_MPS * x_m / away_m, "vy": SPEED_MPS * y_m / away_m, "omega": 0.0}
+        vx_mps = SPEED_MPS * x_m / away_m
+        vy_mps = SPEED_MPS * y_m / away_m
+        return {"vx": vx_mps, "vy": vy_mps, "omega": 0.0}
 
     def _message(self, body: dict[str, Any]) -> bytes:
         self._sent += 1

@@ -63,17 +63,21 @@ def published(received: bytes) -> Iterator[Published]:
         size = 0
         start = 1
         while start < len(received) and start <= 4:
-            size |= (received[start] & 0x7F) << 7 * (start - 1)
+            bits = received[start] & 0x7F
+            size |= bits << 7 * (start - 1)
             start += 1
             if not received[start - 1] & 0x80:
                 break
         end = start + size
         packet = received[:end]
         received = received[end:]
-        if packet[0] >> 4 == PUBLISH and len(packet) == end:
-            topic, rest = _text(packet[start:])
+        is_publish = packet[0] >> 4 == PUBLISH
+        if is_publish and len(packet) == end:
+            topic, payload = _text(packet[start:])
             has_packet_id = packet[0] & 0x06
-            yield Published(topic, rest[2:] if has_packet_id else rest)
+            if has_packet_id:
+                payload = payload[2:]
+            yield Published(topic, payload)
 
 
 async def _packet(reader: asyncio.StreamReader) -> bytes:
@@ -89,7 +93,9 @@ async def _packet(reader: asyncio.StreamReader) -> bytes:
 
 def _answer(packet: bytes) -> bytes:
     kind = packet[0] >> 4
-    body = packet[2:] if packet[1] < 0x80 else packet[3:]
+    # a long packet has its size in two bytes
+    is_short = packet[1] < 0x80
+    body = packet[2:] if is_short else packet[3:]
     if kind == CONNECT:
         return CONNACK
     if kind == PING:
@@ -103,7 +109,8 @@ def _answer(packet: bytes) -> bytes:
             _topic, rest = _text(rest)
             grants += rest[:1]
             rest = rest[1:]
-        return bytes((0x90, 2 + len(grants))) + number + grants
+        head = bytes((0x90, 2 + len(grants)))
+        return head + number + grants
     if kind == PUBLISH and packet[0] & 0x06:
         _topic, rest = _text(body)
         return b"\x40\x02" + rest[:2]
@@ -112,5 +119,6 @@ def _answer(packet: bytes) -> bytes:
 
 def _text(data: bytes) -> tuple[str, bytes]:
     """Return the text at the start of `data`, and what follows."""
-    end = 2 + int.from_bytes(data[:2])
+    size = int.from_bytes(data[:2])
+    end = 2 + size
     return data[2:end].decode(), data[end:]

@@ -28,7 +28,8 @@ def witmotion_quaternion(orientation: Quaternion) -> bytes:
         ValueError: If it cannot be expressed.
     """
     x, y, z, w = orientation
-    return witmotion_packet(0x59, *(round(value * WITMOTION_FULL_SCALE) for value in (w, x, y, z)))
+    values = [round(component * WITMOTION_FULL_SCALE) for component in (w, x, y, z)]
+    return witmotion_packet(0x59, *values)
 
 
 def bno085_packet(
@@ -40,14 +41,16 @@ def bno085_packet(
         OverflowError: If a value does not fit.
     """
     values = (yaw, pitch, roll, *acceleration_mg)
-    body = bytes((index & 0xFF,))
-    body += _int16s(values)
-    body += bytes(3)
-    return b"\xaa\xaa" + body + bytes((_checksum(body),))
+    body = bytes((index & 0xFF,)) + _int16s(values) + bytes(3)
+    checksum = bytes((_checksum(body),))
+    return b"\xaa\xaa" + body + checksum
 
 
 def _int16s(values: Sequence[int]) -> bytes:
-    return b"".join(value.to_bytes(2, "little", signed=True) for value in values)
+    data = bytearray()
+    for value in values:
+        data += value.to_bytes(2, "little", signed=True)
+    return bytes(data)
 
 
 def _checksum(body: bytes) -> int:
@@ -63,30 +66,43 @@ def bno085_orientation(orientation: Quaternion, index: int = 0) -> bytes:
     norm = math.hypot(*orientation)
     if not abs(norm - 1.0) < 0.01:
         raise ValueError(f"the format has angles, and no quaternion of norm {norm}")
+    # the angles about z, y and x, in this order
     x, y, z, w = orientation
-    yaw_rad = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    sine = 2 * (w * y - z * x)
-    pitch_rad = math.asin(max(-1.0, min(1.0, sine)))  # rounding may leave the range of a sine
-    roll_rad = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    yaw, pitch, roll = (round(100 * math.degrees(angle)) for angle in (yaw_rad, pitch_rad, roll_rad))
+    yaw_sine = 2 * (w * z + x * y)
+    yaw_cosine = 1 - 2 * (y * y + z * z)
+    pitch_sine = 2 * (w * y - z * x)
+    roll_sine = 2 * (w * x + y * z)
+    roll_cosine = 1 - 2 * (x * x + y * y)
+    yaw_rad = math.atan2(yaw_sine, yaw_cosine)
+    pitch_rad = math.asin(max(-1.0, min(1.0, pitch_sine)))  # rounding may leave the range of a sine
+    roll_rad = math.atan2(roll_sine, roll_cosine)
+    yaw, pitch, roll = map(_hundredths, (yaw_rad, pitch_rad, roll_rad))
 
     # At rest an accelerometer measures what holds it up: 1 g upwards.
-    ux, uy, uz = rotation.rotate(rotation.inverse(orientation), (0.0, 0.0, 1.0))
-    up_mg = (round(1000 * ux), round(1000 * uy), round(1000 * uz))
-    return bno085_packet(index, yaw, pitch, roll, up_mg)
+    upwards = rotation.rotate(rotation.inverse(orientation), (0.0, 0.0, 1.0))
+    up_x_mg, up_y_mg, up_z_mg = (round(1000 * component) for component in upwards)
+    return bno085_packet(index, yaw, pitch, roll, (up_x_mg, up_y_mg, up_z_mg))
+
+
+def _hundredths(angle_rad: float) -> int:
+    """Return an angle in 0.01°."""
+    return round(100 * math.degrees(angle_rad))
 
 
 def ximu3_text(letter: str, time_us: int, *values: float) -> bytes:
     """Return a message of an x-IMU3 as text."""
-    texts = ",".join(f"{value:.4f}" for value in values)
-    return f"{letter},{time_us},{texts}\r\n".encode()
+    numbers = ",".join(f"{value:.4f}" for value in values)
+    text = f"{letter},{time_us},{numbers}\r\n"
+    return text.encode()
 
 
 def ximu3_binary(letter: str, time_us: int, *values: float) -> bytes:
     """Return a binary message of an x-IMU3."""
-    body = struct.pack(f"<BQ{len(values)}f", 0x80 + ord(letter), time_us, *values)
+    kind = 0x80 + ord(letter)
+    body = struct.pack(f"<BQ{len(values)}f", kind, time_us, *values)
     # SLIP with a line end as the end: the escape byte is replaced first, else it would be escaped twice.
-    escaped = body.replace(b"\xdb", b"\xdb\xdd").replace(b"\n", b"\xdb\xdc")
+    escaped = body.replace(b"\xdb", b"\xdb\xdd")
+    escaped = escaped.replace(b"\n", b"\xdb\xdc")
     return escaped + b"\n"
 
 

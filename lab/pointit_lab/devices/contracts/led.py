@@ -30,8 +30,13 @@ ARTNET_SLOTS_AT = 18
 
 def e131_frames(received: bytes) -> list[bytes]:
     """Return the slots of each packet of E1.31 that does not just say that the stream has ended."""
-    packets = [E131_HEAD + part for part in received.split(E131_HEAD)[1:]]
-    return [packet[E131_SLOTS_AT:] for packet in packets if not packet[E131_OPTIONS_AT] & E131_ENDED]
+    slots: list[bytes] = []
+    for part in received.split(E131_HEAD)[1:]:
+        packet = E131_HEAD + part
+        has_ended = packet[E131_OPTIONS_AT] & E131_ENDED
+        if not has_ended:
+            slots.append(packet[E131_SLOTS_AT:])
+    return slots
 
 
 class TestExpander(LedOutputContract):
@@ -49,7 +54,8 @@ class TestExpander(LedOutputContract):
             if command[1] == SET_CHANNEL_WS2812:
                 channels[command[0]] = command[PIXELS_AT:]  # red, green, blue: the board sorts them
             elif command[1] == DRAW_ALL:
-                drawn.append(b"".join(channels[number] for number in sorted(channels)))
+                pixels = [channels[number] for number in sorted(channels)]
+                drawn.append(b"".join(pixels))
         return drawn
 
 
@@ -58,13 +64,11 @@ class TestAdalight(LedOutputContract):
     device = PtyDevice
 
     def decode(self, received: bytes) -> list[bytes]:
-        drawn: list[bytes] = []
-        while (start := received.find(adalight.MAGIC)) >= 0:
-            received = received[start + adalight.HEADER_BYTES :]
-            # the contract's pixels are 0 and 255, so that they contain no magic
-            frame, _, _ = received.partition(adalight.MAGIC)
-            drawn.append(frame)
-        return [frame for frame in drawn if len(frame) == len(DARK)]
+        _, *parts = received.split(adalight.MAGIC)
+        header_bytes = adalight.HEADER_BYTES - len(adalight.MAGIC)
+        # the contract's pixels are 0 and 255, so that they contain no magic
+        frames = [part[header_bytes:] for part in parts]
+        return [frame for frame in frames if len(frame) == len(DARK)]
 
 
 class TestDdp(LedOutputContract):
@@ -75,7 +79,8 @@ class TestDdp(LedOutputContract):
     def decode(self, received: bytes) -> list[bytes]:
         frames: list[bytes] = []
         while received:
-            length = int.from_bytes(received[DDP_HEADER_BYTES - 2 : DDP_HEADER_BYTES], "big")
+            length_field = received[DDP_HEADER_BYTES - 2 : DDP_HEADER_BYTES]
+            length = int.from_bytes(length_field, "big")
             end = DDP_HEADER_BYTES + length
             frames.append(received[DDP_HEADER_BYTES:end])
             received = received[end:]
@@ -97,8 +102,9 @@ class TestArtNet(LedOutputContract):
 
     def decode(self, received: bytes) -> list[bytes]:
         """Return the slots of each ArtDmx packet, without the one that makes their number even."""
-        packets = [ARTNET_HEAD + part for part in received.split(ARTNET_HEAD)[1:]]
-        return [packet[ARTNET_SLOTS_AT:][: 3 * PIXELS] for packet in packets]
+        _, *parts = received.split(ARTNET_HEAD)
+        slots = [(ARTNET_HEAD + part)[ARTNET_SLOTS_AT:] for part in parts]
+        return [packet_slots[: 3 * PIXELS] for packet_slots in slots]
 
 
 class TestMqttLamps(LedOutputContract):
@@ -107,14 +113,16 @@ class TestMqttLamps(LedOutputContract):
     device = MqttBrokerDevice
 
     def parameters(self, device: MqttBrokerDevice) -> dict[str, object]:
-        return {"broker": f"{device.host}:{device.port}", "lamp_rate_hz": 100.0, "max_rate_hz": 1000.0}
+        broker = f"{device.host}:{device.port}"
+        return {"broker": broker, "lamp_rate_hz": 100.0, "max_rate_hz": 1000.0}
 
     def decode(self, received: bytes) -> list[bytes]:
         """Return the colours of all lamps after each command of Zigbee2MQTT."""
         colors: dict[str, bytes] = {}
         for strip in STRIPS:
             for pixel in range(strip.pixels):
-                colors[f"zigbee2mqtt/{lamp_id(strip.id, pixel)}/set"] = bytes(3)
+                lamp = lamp_id(strip.id, pixel)
+                colors[f"zigbee2mqtt/{lamp}/set"] = bytes(3)
 
         pictures: list[bytes] = []
         for message in published(received):

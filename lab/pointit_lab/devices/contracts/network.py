@@ -87,7 +87,8 @@ class TestUdp(NetworkContract):
 
     def encode(self, orientation_xyzw: Quaternion) -> bytes:
         """Return SensaGram's message with an orientation."""
-        return json.dumps({"type": "android.sensor.rotation_vector", "values": orientation_xyzw}).encode()
+        message = {"type": "android.sensor.rotation_vector", "values": orientation_xyzw}
+        return json.dumps(message).encode()
 
 
 class TestXimu3(NetworkContract):

@@ -19,7 +19,8 @@ class TestVda5050(RobotContract):
     device = AgvBrokerDevice
 
     def parameters(self, device: AgvBrokerDevice) -> dict[str, object]:
-        return {"broker": f"{device.host}:{device.port}", "manufacturer": "acme", "serial_number": "7"}
+        broker = f"{device.host}:{device.port}"
+        return {"broker": broker, "manufacturer": "acme", "serial_number": "7"}
 
     def is_moving(self, device: AgvBrokerDevice) -> bool:
         return bool(device.agv.base)

@@ -100,7 +100,9 @@ class SimulatedMetaMotion(SimulatedWrist):
 
     def button(self, *, is_down: bool) -> Sent:
         """Return the notification of a change of its button, none if the program has not asked for it."""
-        return [(_NOTIFY, bytes((0x01, 0x01, is_down)))] if self.is_button_on else []
+        if not self.is_button_on:
+            return []
+        return [(_NOTIFY, bytes((0x01, 0x01, is_down)))]
 
     def frame(self, orientation_xyzw: Quaternion) -> bytes:
         """Return the notification of one quaternion."""

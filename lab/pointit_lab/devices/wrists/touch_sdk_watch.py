@@ -55,7 +55,8 @@ class SimulatedTouchSdkWatch(SimulatedWrist):
         screen = struct.pack("<BfBf", 0x0D, 454.0, 0x15, 454.0)
         info += bytes((0x5A, len(screen))) + screen
         frame = self.frame((0.0, 0.0, 0.0, 1.0))
-        self.values[_OUTPUT] = frame + bytes((0x4A, len(info))) + info
+        description = bytes((0x4A, len(info))) + info
+        self.values[_OUTPUT] = frame + description
 
     def connected(self) -> None:
         """Stream nothing until the program has introduced itself."""
@@ -96,14 +97,17 @@ class SimulatedTouchSdkWatch(SimulatedWrist):
 
 
 def _part(number: int, content: bytes) -> bytes:
-    return bytes((number << 3 | 2, len(content))) + content
+    key = number << 3 | 2
+    return bytes((key, len(content))) + content
 
 
 def _numbers(*values: float) -> bytes:
     fields = b""
     for number, value in enumerate(values, 1):
         if value != 0.0:  # Protocol Buffers leave zeros out
-            fields += struct.pack("<Bf", number << 3 | 5, value)
+            key = number << 3 | 5
+            fields += struct.pack("<Bf", key, value)
+
     return fields
 
 

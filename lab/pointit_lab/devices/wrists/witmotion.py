@@ -49,7 +49,8 @@ class SimulatedWitMotion(SimulatedWrist):
 
     def frame(self, orientation_xyzw: Quaternion) -> bytes:
         """Return the frame of its next sample. Raises ValueError if this is no orientation."""
-        if not abs(math.hypot(*orientation_xyzw) - 1.0) < 1e-3:
+        norm = math.hypot(*orientation_xyzw)
+        if not abs(norm - 1.0) < 1e-3:
             raise ValueError("no orientation")
         up = rotate(inverse(orientation_xyzw), (0.0, 0.0, 1.0))
         previous = self._previous or orientation_xyzw
@@ -57,10 +58,12 @@ class SimulatedWitMotion(SimulatedWrist):
         self._previous = orientation_xyzw
 
         # twice the half angle, by the rate: small turns
-        scale = math.copysign(2.0, w) * _RATES_HZ[self.rate_code] / _FULL_RATE_RADPS * 32768.0
+        rate_hz = _RATES_HZ[self.rate_code]
+        scale = math.copysign(2.0, w) * rate_hz / _FULL_RATE_RADPS * 32768.0
         turn = [_int16(scale * half_sine) for half_sine in (x, y, z)]
         acceleration = [round(_ONE_G * component) for component in up]
-        return b"\x55\x61" + struct.pack("<9h", *acceleration, *turn, 0, 0, 0)
+        values = struct.pack("<9h", *acceleration, *turn, 0, 0, 0)
+        return b"\x55\x61" + values
 
 
 def _int16(value: float) -> int:

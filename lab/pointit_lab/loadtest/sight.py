@@ -121,6 +121,6 @@ class LoadTestReceiver:
 
 
 def _stamp_ns(message: Message | Undecoded) -> int:
-    if isinstance(message, Undecoded):
-        message = message.decode()
-    return message.stamp_ns
+    if isinstance(message, Message):
+        return message.stamp_ns
+    return message.decode().stamp_ns

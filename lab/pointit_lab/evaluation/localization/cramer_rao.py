@@ -198,7 +198,7 @@ def _slopes(gradients: Array, azimuths: Array, elevations: Array, velocities_mps
 
 
 def _misses(rays: Array, yaw_rad: float, azimuths: Array, elevations: Array) -> tuple[Array, Array]:
-    """Return how far the rays (m x 3, {H}) are to the left of the targets, and above them (m each), rad."""
+    """Return the errors of rays (m x 3, {H}) to the left of the targets, and upwards (m each), rad."""
     ray_level = np.hypot(rays[:, 0], rays[:, 1])
     ray_azimuths = np.arctan2(rays[:, 1], rays[:, 0])
     ray_elevations = np.arctan2(rays[:, 2], ray_level)

@@ -115,9 +115,7 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
     # the median is infinite if most are never taken
     lengths_s = [length_s for length_s, _ in first_taken]
     errors_m = _finite(taken_m for _, taken_m in first_taken)
-    until_s: float | None = float(np.median(lengths_s))
-    if not math.isfinite(until_s):
-        until_s = None
+    until_s = float(np.median(lengths_s))
     yield Row(
         set=name,
         subject=subject,
@@ -126,7 +124,7 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
         n=len(first_taken),
         taken=len(errors_m) / len(first_taken),
         taken_m=MetricSpread.of(errors_m),
-        until_taken_s=until_s,
+        until_taken_s=until_s if math.isfinite(until_s) else None,
     )
 
 

@@ -119,7 +119,7 @@ def _sums(scores: Sequence[Score]) -> Array:
 
 
 def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Interval | None]:
-    """Return the intervals of the differences of `_differences`; None for times if a resample has none."""
+    """Return the intervals of `_differences`. That of the times is None if a resample has no time."""
     # a resample in chunks, which bounds the memory, with enough draws beyond each tail
     count = len(mine)
     rng = np.random.default_rng(count)

@@ -43,7 +43,9 @@ async def publish_events(site: pointit.Site, broker: aiomqtt.Client) -> None:
 async def publish_selection(site: pointit.Site, broker: aiomqtt.Client) -> None:
     """Publish what is selected after each change; the broker keeps it for those who come later."""
     async for selection in site.messages(SELECTION):
-        selected = [{"id": each.id, "kind": each.kind, "user": each.user} for each in selection.objects]
+        selected: list[dict[str, str]] = []
+        for item in selection.objects:
+            selected.append({"id": item.id, "kind": item.kind, "user": item.user})
         await publish(broker, "pointit/selection", json.dumps(selected), retain=True)
 
 
@@ -60,8 +62,8 @@ async def follow_speed(site: pointit.Site, broker: aiomqtt.Client) -> None:
 async def relay(site: pointit.Site, broker: aiomqtt.Client) -> None:
     """Do all three at the same time; if one fails, the others end too."""
     async with asyncio.TaskGroup() as tasks:
-        for each in (publish_events, publish_selection, follow_speed):
-            tasks.create_task(each(site, broker))
+        for part in (publish_events, publish_selection, follow_speed):
+            tasks.create_task(part(site, broker))
 
 
 async def main() -> None:

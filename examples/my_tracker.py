@@ -19,13 +19,16 @@ LATENCY_S = 0.02
 def train(strip: Strip, now_s: float) -> TrackedObject:
     """Return the train at the time `now_s`; a real tracker would ask its camera."""
     start = np.array(strip.line_m[0])
-    end = np.array(strip.line_m[-1])
-    length_m = float(np.linalg.norm(end - start))
+    way = np.array(strip.line_m[-1]) - start
+    length_m = float(np.linalg.norm(way))
+
+    # to and fro: a cosine of the time, and its derivative
+    direction = way / length_m
     phase = math.tau * now_s / LAP_S
     share = 0.5 - 0.4 * math.cos(phase)  # of the way from the strip's start to its end
     speed_mps = 0.4 * length_m * math.tau / LAP_S * math.sin(phase)
-    x_m, y_m, z_m = (start + share * (end - start)).tolist()
-    x_mps, y_mps, z_mps = ((end - start) / length_m * speed_mps).tolist()
+    x_m, y_m, z_m = (start + share * way).tolist()
+    x_mps, y_mps, z_mps = (direction * speed_mps).tolist()
     return TrackedObject(
         id="train",
         kind="red",
@@ -45,7 +48,8 @@ async def track(site: pointit.Site) -> None:
     room = await anext(site.messages(MAP))
     with contextlib.closing(site.tracker("railway", latency_s=LATENCY_S, latency_sigma_s=0.005)) as tracker:
         while True:
-            tracker.update([train(room.strips[0], site.now_ns() / 1e9 - LATENCY_S)])
+            seen_s = site.now_ns() / 1e9 - LATENCY_S
+            tracker.update([train(room.strips[0], seen_s)])
             await site.sleep(PERIOD_S)
 
 

@@ -30,7 +30,8 @@ class WristDecoder(Decoder):
         if len(data) != DATAGRAM.size:
             raise ContentError(f"has {len(data)} bytes, {DATAGRAM.size} were expected")
         time_ms, *wxyz = DATAGRAM.unpack(data)
-        return [Reading(stamp_ns, unit_rotation(wxyz, "wxyz"), time_ms * 1_000_000)]
+        rotation = unit_rotation(wxyz, "wxyz")
+        return [Reading(stamp_ns, rotation, time_ms * 1_000_000)]
 
 
 MY_WRIST = ImuSource(

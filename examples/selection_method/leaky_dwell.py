@@ -37,14 +37,14 @@ class Leaky:
         """Return the object under the cursor, its progress, and what to select now."""
         now_ns = pointing.cursor.stamp_ns
         under = pointing.under
-        passed_s = min((now_ns - self._stamp_ns) / NS_PER_S, LONGEST_STEP_S)
+        passed_s = (now_ns - self._stamp_ns) / NS_PER_S
+        passed_s = min(passed_s, LONGEST_STEP_S)
         self._stamp_ns = now_ns
-        for each in [each for each in self._gathered_s if each != under]:
-            self._gathered_s[each] -= passed_s * self._config.drain
-            if self._gathered_s[each] <= 0.0:
-                del self._gathered_s[each]
+        self._drain(under, passed_s)
         self.latched &= {under}  # what has been left can be selected again
-        if under is None or under in self.latched or not pointing.acts(under):
+        if under is None or under in self.latched:
+            return SelectionProgress(under)
+        if not pointing.acts(under):
             return SelectionProgress(under)
         gathered_s = self._gathered_s.get(under, 0.0) + passed_s
         if gathered_s < self._config.dwell_s:
@@ -52,6 +52,14 @@ class Leaky:
             return SelectionProgress(under, gathered_s / self._config.dwell_s)
         self.latch(under)
         return SelectionProgress(under, 1.0, fired=under)
+
+    def _drain(self, under: str | None, passed_s: float) -> None:
+        """Reduce the time of all objects but that under the cursor."""
+        others = [object_id for object_id in self._gathered_s if object_id != under]
+        for object_id in others:
+            self._gathered_s[object_id] -= passed_s * self._config.drain
+            if self._gathered_s[object_id] <= 0.0:
+                del self._gathered_s[object_id]
 
     def latch(self, object_id: str) -> None:
         """Ignore the object until it is left."""

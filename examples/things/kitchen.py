@@ -9,7 +9,8 @@ def cook(site: pointit.Site | pointit.SyncSite) -> None:
 
     @site.on_pointed("radio")
     def radio(event: SelectionEvent) -> None:
-        print(f"{event.user} switches the radio {'on' if event.is_on else 'off'}")
+        state = "on" if event.is_on else "off"
+        print(f"{event.user} switches the radio {state}")
 
     @site.on_pointed("kettle")
     def kettle(event: SelectionEvent) -> None:

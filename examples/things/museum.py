@@ -15,7 +15,8 @@ async def guide(site: pointit.Site) -> None:
     """Tell of each exhibit that somebody points at."""
     told_ns: dict[str, int] = {}
     async for event in site.pointed(*TEXTS):
-        if event.stamp_ns - told_ns.get(event.thing, 0) > 60e9:
+        since_told_ns = event.stamp_ns - told_ns.get(event.thing, 0)
+        if since_told_ns > 60e9:
             told_ns[event.thing] = event.stamp_ns
             print(f"{event.user}: {TEXTS[event.thing]}")  # or a loudspeaker's program
 

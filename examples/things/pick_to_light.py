@@ -12,9 +12,10 @@ async def pick(site: pointit.Site, order: Sequence[str]) -> None:
     for box in order:
         await site.lamp(box).set("#00ff00")
         async for event in pointed:
-            print(f"{event.user} takes {event.thing}" + ("" if event.thing == box else f", wanted is {box}"))
             if event.thing == box:
+                print(f"{event.user} takes {box}")
                 break
+            print(f"{event.user} takes {event.thing}, wanted is {box}")
         await site.lamp(box).set(None)
 
 

@@ -36,7 +36,8 @@ class Vosk:
         Raises:
             ConfigError: If there is none.
         """
-        if not config.model or not Path(config.model).is_dir():
+        has_model = bool(config.model) and Path(config.model).is_dir()
+        if not has_model:
             raise ConfigError(f"VOSK_MODEL: no folder {config.model!r}; unpack a model, and name its folder")
         self._vosk: Any = importlib.import_module("vosk")  # without types
         self._model = self._vosk.Model(config.model)
@@ -57,18 +58,18 @@ class Vosk:
 
 
 def _speech(result: str, start_ns: int) -> list[Speech]:
-    """Return the utterance, if there is one; Vosk counts times from the begin of the audio."""
-    found = [
-        Word(
-            text=each["word"],
-            start_ns=start_ns + round(each["start"] * NS_PER_S),
-            end_ns=start_ns + round(each["end"] * NS_PER_S),
-            confidence=each["conf"],
-        )
-        for each in json.loads(result).get("result", ())
-        if each["word"] != "[unk]"
-    ]
-    return [Speech(stamp_ns=found[-1].end_ns, words=tuple(found), recogniser="vosk")] if found else []
+    """Return the utterance, if there is one; Vosk counts times from the start of the audio."""
+    words: list[Word] = []
+    for entry in json.loads(result).get("result", ()):
+        if entry["word"] == "[unk]":
+            continue
+        word_start_ns = start_ns + round(entry["start"] * NS_PER_S)
+        word_end_ns = start_ns + round(entry["end"] * NS_PER_S)
+        word = Word(text=entry["word"], start_ns=word_start_ns, end_ns=word_end_ns, confidence=entry["conf"])
+        words.append(word)
+    if not words:
+        return []
+    return [Speech(stamp_ns=words[-1].end_ns, words=tuple(words), recogniser="vosk")]
 
 
 VOSK = RecogniserPlugin(summary="offline, any language with a model", config=VoskConfig, make=Vosk)

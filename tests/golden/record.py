@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -36,38 +37,44 @@ class Record:
         self._lines: list[tuple[str, Message]] = []
         """Key and message, in the order of arrival."""
         for topic in TOPICS_HASHED:
-            bus.subscribe(replace(topic, delivery=Delivery.EVENT), self._reader(topic))
+            event_topic = replace(topic, delivery=Delivery.EVENT)
+            bus.subscribe(event_topic, self._reader(topic))
 
     def _reader(self, topic: Topic[Any]) -> Callable[[Message, str], None]:
-        return lambda message, name: self._lines.append((topic.at(name), message))
+        def on_message(message: Message, name: str) -> None:
+            self._lines.append((topic.at(name), message))
+
+        return on_message
 
     def by_key(self) -> dict[str, list[Message]]:
         """Return the messages of each key that has any; keys in the order of the topic table."""
-        found: dict[str, list[Message]] = {}
-        for key, message in sorted(self._lines, key=lambda line: (_row(line[0]), line[0])):
-            found.setdefault(key, []).append(message)
-        return found
+        by_key = defaultdict[str, list[Message]](list)
+        for key, message in self._lines:
+            by_key[key].append(message)
+        return {key: by_key[key] for key in sorted(by_key, key=_rank)}
 
     def has(self, wanted: str) -> bool:
         """Return True if there is a message on the key `wanted`, for `key=value` one with that value."""
         key, _, value = wanted.partition("=")
         messages = self.by_key().get(key, [])
-        return any(not value or value in vars(message).values() for message in messages)
+        if not value:
+            return bool(messages)
+        return any(value in vars(message).values() for message in messages)
 
     def hashes(self) -> dict[str, str]:
         """Return `count hash sum` by key, and by key and `SENTENCES` where messages have texts.
 
         The hash is of all but floats, whose sum is weighted: each has its own weight, ±1 to ±2.
         """
-        found: dict[str, str] = {}
+        hashes: dict[str, str] = {}
         for key, messages in self.by_key().items():
             texts: list[str] = []
             floats: list[float] = []
             lines = [line_of(message, texts, floats) for message in messages]
-            found[key] = f"{_hash(lines)} {_weighted(floats):.9g}"
+            hashes[key] = f"{_hash(lines)} {_weighted(floats):.9g}"
             if texts:
-                found[key + SENTENCES] = _hash(texts)
-        return found
+                hashes[key + SENTENCES] = _hash(texts)
+        return hashes
 
     def dump(self, path: Path) -> None:
         """Write one line per message, in order of arrival: where two dumps begin to differ is the cause."""
@@ -76,8 +83,12 @@ class Record:
         path.write_text("".join(lines), encoding="utf-8")
 
 
-def _row(key: str) -> int:
-    return TOPICS_HASHED.index(found) if (found := topic_of(key)) else -1
+def _rank(key: str) -> tuple[int, str]:
+    """Return what sorts keys in the order of the topic table."""
+    topic = topic_of(key)
+    if topic is None:
+        return -1, key
+    return TOPICS_HASHED.index(topic), key
 
 
 def line_of(message: Message, texts: list[str] | None = None, floats: list[float] | None = None) -> str:
@@ -86,7 +97,8 @@ def line_of(message: Message, texts: list[str] | None = None, floats: list[float
     Texts with spaces are moved to `texts`, and floats to `floats`, if these are given.
     """
     fields = _plain(message.model_dump(), texts, floats)
-    return f"{message.schema_name()} {json.dumps(fields, sort_keys=True, ensure_ascii=False)}"
+    text = json.dumps(fields, sort_keys=True, ensure_ascii=False)
+    return f"{message.schema_name()} {text}"
 
 
 def _plain(value: Any, texts: list[str] | None, floats: list[float] | None) -> Any:
@@ -97,9 +109,11 @@ def _plain(value: Any, texts: list[str] | None, floats: list[float] | None) -> A
         case float():
             return round(value, DECIMALS) + 0.0  # 0.0 instead of -0.0
         case dict():
-            return {key: _plain(item, texts, floats) for key, item in cast("dict[str, Any]", value).items()}
+            entries = cast("dict[str, Any]", value)
+            return {key: _plain(item, texts, floats) for key, item in entries.items()}
         case list() | tuple():
-            return [_plain(item, texts, floats) for item in cast("Sequence[Any]", value)]
+            items = cast("Sequence[Any]", value)
+            return [_plain(item, texts, floats) for item in items]
         case bytes():
             return value.hex()
         case str() if texts is not None and " " in value:
@@ -110,39 +124,52 @@ def _plain(value: Any, texts: list[str] | None, floats: list[float] | None) -> A
 
 
 def _hash(lines: list[str]) -> str:
-    return f"{len(lines)} {hashlib.sha256(chr(10).join(lines).encode()).hexdigest()[:16]}"
+    digest = hashlib.sha256("\n".join(lines).encode())
+    return f"{len(lines)} {digest.hexdigest()[:16]}"
 
 
 def _weighted(floats: Sequence[float]) -> float:
-    def weight(index: int) -> float:
-        sign = 1.0 if math.modf(index * math.sqrt(2.0))[0] < 0.5 else -1.0
-        return sign * (1.0 + math.modf(index * math.sqrt(5.0))[0])
-
-    return math.fsum(weight(index) * value for index, value in enumerate(floats))
+    total: list[float] = []
+    for index, value in enumerate(floats):
+        # irrational steps: no weights repeat, and sums of swapped values differ
+        sign_part, _ = math.modf(index * math.sqrt(2.0))
+        size_part, _ = math.modf(index * math.sqrt(5.0))
+        sign = 1.0 if sign_part < 0.5 else -1.0
+        weight = sign * (1.0 + size_part)
+        total.append(weight * value)
+    return math.fsum(total)
 
 
 def _are_same(one: str, other: str) -> bool:
-    (*ones, its), (*others, that) = one.rsplit(" ", 1), other.rsplit(" ", 1)
-    if ones != others or " " not in ones[0]:  # of sentences
+    *head, total = one.rsplit(" ", 1)
+    *other_head, other_total = other.rsplit(" ", 1)
+    if head != other_head or " " not in head[0]:  # of sentences
         return one == other
-    return math.isclose(float(its), float(that), rel_tol=1e-8, abs_tol=TOLERANCE)
+    return math.isclose(float(total), float(other_total), rel_tol=1e-8, abs_tol=TOLERANCE)
 
 
 def difference(recorded: dict[str, str], now: dict[str, str]) -> str:
     """Return the keys that differ in two `Record.hashes`, the first with its counts, or `""` if none does."""
-    keys = list(dict.fromkeys([*recorded, *now]))
-    changed = [key for key in keys if not _are_same(recorded.get(key, "- -"), now.get(key, "- -"))]
+    keys = dict.fromkeys([*recorded, *now])
+    changed: list[str] = []
+    for key in keys:
+        if not _are_same(recorded.get(key, "- -"), now.get(key, "- -")):
+            changed.append(key)
     if not changed:
         return ""
-    was, its = (hashes.get(changed[0], "0").split()[0] for hashes in (recorded, now))
-    others = f"; also changed: {', '.join(changed[1:])}" if changed[1:] else ""
-    return f"{changed[0]} changed first: {was} messages were recorded, {its} came now{others}"
+    first, *others = changed
+    recorded_count, *_ = recorded.get(first, "0").split()
+    new_count, *_ = now.get(first, "0").split()
+    text = f"{first} changed first: {recorded_count} messages were recorded, {new_count} came now"
+    return f"{text}; also changed: {', '.join(others)}" if others else text
 
 
 def read_hashes() -> dict[str, dict[str, str]]:
-    recorded: dict[str, dict[str, str]] = json.loads(HASHES.read_text(encoding="utf-8"))
+    text = HASHES.read_text(encoding="utf-8")
+    recorded: dict[str, dict[str, str]] = json.loads(text)
     return recorded
 
 
 def write_hashes(hashes: dict[str, dict[str, str]]) -> None:
-    HASHES.write_text(json.dumps(hashes, indent=1) + "\n", encoding="utf-8")
+    text = json.dumps(hashes, indent=1) + "\n"
+    HASHES.write_text(text, encoding="utf-8")

@@ -48,7 +48,8 @@ class _Desk:
 
     async def at(self, time_s: float) -> None:
         """Wait until that time of the session."""
-        await asyncio.sleep(time_s - (VirtualClock().now_ns() - START_NS) / models.NS_PER_S)
+        now_s = (VirtualClock().now_ns() - START_NS) / models.NS_PER_S
+        await asyncio.sleep(time_s - now_s)
 
     async def ask(self, request: topics.Request[Any, Any], query: models.Query, name: str = "") -> None:
         """Ask, and take a refusal like a reply."""
@@ -56,16 +57,15 @@ class _Desk:
             await self.bus.call(request, query, name)
 
     def press(self, user: str, gesture: Literal["press", "double", "hold"] = "press") -> None:
-        self.bus.publisher(topics.BUTTON, user).put(
-            models.ButtonEvent(stamp_ns=VirtualClock().now_ns(), gesture=gesture, source="page")
-        )
+        event = models.ButtonEvent(stamp_ns=VirtualClock().now_ns(), gesture=gesture, source="page")
+        self.bus.publisher(topics.BUTTON, user).put(event)
 
     async def until_selected(self, user: str, before_s: float) -> str:
         """Return an object of `user` as soon as there is one, or `""`."""
         while (VirtualClock().now_ns() - START_NS) / models.NS_PER_S < before_s:
-            found = [each.id for each in self.selection.objects if each.user == user]
-            if found:
-                return found[-1]
+            own_ids = [item.id for item in self.selection.objects if item.user == user]
+            if own_ids:
+                return own_ids[-1]
             await asyncio.sleep(0.1)
         return ""
 
@@ -84,11 +84,8 @@ async def calibrates(bus: MemoryBus) -> None:
     await desk.at(42.0)
     await desk.ask(topics.CANCEL_LOCALIZATION, topics.CANCEL_LOCALIZATION.query(), "anna")
     await desk.ask(topics.SET_OFFSET, models.SetOffset(), "anna")
-    await desk.ask(
-        topics.SET_POSE,
-        models.SetPose(position_m=(2.1, 0.4, 0.0), yaw_rad=0.4, elevation_bias_rad=0.05),
-        "anna",
-    )
+    pose = models.SetPose(position_m=(2.1, 0.4, 0.0), yaw_rad=0.4, elevation_bias_rad=0.05)
+    await desk.ask(topics.SET_POSE, pose, "anna")
 
 
 async def takes_back(bus: MemoryBus) -> None:
@@ -98,13 +95,13 @@ async def takes_back(bus: MemoryBus) -> None:
     await desk.ask(topics.UNDO_SELECTION, models.UndoSelection(), "anna")
     await desk.ask(topics.UNDO_SELECTION, models.UndoSelection(), "anna")
     taken = await desk.until_selected("anna", 17.0)
-    await desk.ask(
-        topics.RELEASE_OBJECT, models.ReleaseObject(object_id=taken or "none", take_over=True), "ben"
-    )
+    takeover = models.ReleaseObject(object_id=taken or "none", take_over=True)
+    await desk.ask(topics.RELEASE_OBJECT, takeover, "ben")
     await asyncio.sleep(0.5)
     await desk.ask(topics.UNDO_SELECTION, models.UndoSelection(), "ben")
     released = await desk.until_selected("ben", 20.0)
-    await desk.ask(topics.RELEASE_OBJECT, models.ReleaseObject(object_id=released or "none"), "anna")
+    release = models.ReleaseObject(object_id=released or "none")
+    await desk.ask(topics.RELEASE_OBJECT, release, "anna")
     await desk.until_selected("ben", 22.0)
     await desk.at(23.0)
     await desk.ask(topics.CLEAR_SELECTION, models.ClearSelection(), "ben")
@@ -114,16 +111,18 @@ async def takes_back(bus: MemoryBus) -> None:
 async def chooses_method(bus: MemoryBus) -> None:
     """The method, its time and the tolerance are changed while the person selects."""
     desk = _Desk(bus)
-    for time_s, query in (
+    queries = (
         (7.3, models.SetMethod(method="hold", dwell_s=0.6)),
         (13.1, models.SetMethod(method="gauge", dwell_s=0.7)),
         (19.7, models.SetMethod(dwell_s=0.5)),
         (20.0, models.SetMethod(method="fraction")),
         (20.5, models.SetMethod(name="no_such_method")),
-    ):
+    )
+    for time_s, query in queries:
         await desk.at(time_s)
         await desk.ask(topics.SET_METHOD, query)
-        await desk.ask(topics.SET_TOLERANCE, models.SetTolerance(tolerance_rad=0.02 * time_s))
+        tolerance = models.SetTolerance(tolerance_rad=0.02 * time_s)
+        await desk.ask(topics.SET_TOLERANCE, tolerance)
 
 
 async def runs_belts(bus: MemoryBus) -> None:
@@ -131,9 +130,8 @@ async def runs_belts(bus: MemoryBus) -> None:
     desk = _Desk(bus)
     await desk.at(2.0)
     for kind, lane, position in (("red", "part_g", 0.3), ("blue", "part_h", 0.1), ("red", "part_h", None)):
-        await desk.ask(
-            topics.ADD_PACKAGE, models.AddPackage(kind=kind, lane=lane, position=position, length_m=0.35)
-        )
+        package = models.AddPackage(kind=kind, lane=lane, position=position, length_m=0.35)
+        await desk.ask(topics.ADD_PACKAGE, package)
     await desk.at(9.0)
     await desk.ask(topics.SET_SPEED, models.SetSpeed(speed_mps=0.0, belts=("part_f", "part_h")))
     await desk.at(13.0)
@@ -185,7 +183,8 @@ async def tries_things(bus: MemoryBus) -> None:
     pressed: list[int] = []
 
     def on_hover(hover: models.Hover, user: str) -> None:
-        if hover.object_id == "kettle" and hover.progress == 1.0 and not pressed:
+        is_full = hover.object_id == "kettle" and hover.progress == 1.0
+        if is_full and not pressed:
             pressed.append(hover.stamp_ns)
             desk.press(user)
 
@@ -193,7 +192,8 @@ async def tries_things(bus: MemoryBus) -> None:
     for tick in range(90):
         await desk.at(1.0 + 0.2 * tick)
         cart = models.TrackedObject(id="cart", kind="cart", position_m=(0.2, 2.6, 0.5), length_m=0.5)
-        camera.put(models.TrackedObjects(stamp_ns=VirtualClock().now_ns(), seq=tick, objects=(cart,)))
+        seen = models.TrackedObjects(stamp_ns=VirtualClock().now_ns(), seq=tick, objects=(cart,))
+        camera.put(seen)
         if tick in (30, 60):
             await desk.ask(topics.SET_THING, models.SetThing(thing="cart"), "ben")
     for thing in ("radio", "screws", "cart"):
@@ -211,29 +211,27 @@ async def tracks(bus: MemoryBus) -> None:
             continue
         along_m = 1.0 + 0.15 * time_s
         swing = 0.3 * time_s
-        camera.put(
-            models.TrackedObjects(
-                stamp_ns=VirtualClock().now_ns() - 20_000_000,
-                seq=tick,
-                objects=(
-                    models.TrackedObject(
-                        id="red on strip", kind="red", position_m=(4.8, along_m - 1.4, 0.95),
-                        velocity_mps=(0.0, 0.15, 0.0), length_m=0.3, surface="strip", surface_id="0",
-                        surface_position_m=along_m, surface_speed_mps=0.15,
-                    ),
-                    models.TrackedObject(
-                        id="red in air",
-                        kind="red",
-                        position_m=(3.6, 0.6 * math.sin(swing), 1.2),
-                        velocity_mps=(0.0, 0.18 * math.cos(swing), 0.0),
-                        length_m=0.25,
-                    ),
-                    models.TrackedObject(
-                        id="blue crate", kind="blue", position_m=(3.8, 1.4, 1.0), length_m=0.6
-                    ),
-                ),
-            )
-        )  # fmt: skip
+        on_strip = models.TrackedObject(
+            id="red on strip",
+            kind="red",
+            position_m=(4.8, along_m - 1.4, 0.95),
+            velocity_mps=(0.0, 0.15, 0.0),
+            length_m=0.3,
+            surface="strip",
+            surface_id="0",
+            surface_position_m=along_m,
+            surface_speed_mps=0.15,
+        )
+        in_air = models.TrackedObject(
+            id="red in air",
+            kind="red",
+            position_m=(3.6, 0.6 * math.sin(swing), 1.2),
+            velocity_mps=(0.0, 0.18 * math.cos(swing), 0.0),
+            length_m=0.25,
+        )
+        crate = models.TrackedObject(id="blue crate", kind="blue", position_m=(3.8, 1.4, 1.0), length_m=0.6)
+        stamp_ns = VirtualClock().now_ns() - 20_000_000
+        camera.put(models.TrackedObjects(stamp_ns=stamp_ns, seq=tick, objects=(on_strip, in_air, crate)))
 
 
 async def walks_by(bus: MemoryBus) -> None:
@@ -243,16 +241,17 @@ async def walks_by(bus: MemoryBus) -> None:
     for tick in range(230):
         time_s = 6.0 + 0.1 * tick
         await desk.at(time_s)
-        pose.put(
-            models.UserPose(
-                stamp_ns=VirtualClock().now_ns(),
-                seq=tick,
-                position_m=(5.6 - 0.012 * tick, 2.2 + 0.6 * math.sin(0.02 * tick), 0.0),
-                yaw_rad=0.0,
-                covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01),
-                method="external",
-            )
+        x_m = 5.6 - 0.012 * tick
+        y_m = 2.2 + 0.6 * math.sin(0.02 * tick)
+        visitor = models.UserPose(
+            stamp_ns=VirtualClock().now_ns(),
+            seq=tick,
+            position_m=(x_m, y_m, 0.0),
+            yaw_rad=0.0,
+            covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01),
+            method="external",
         )
+        pose.put(visitor)
         if tick == 220:
             await desk.ask(topics.STOP_ROBOT, models.StopRobot(reason="cleaning"), "quad")
 
@@ -260,10 +259,11 @@ async def walks_by(bus: MemoryBus) -> None:
 async def lights_lamps(bus: MemoryBus) -> None:
     """A lamp is told to flash faster than it may, and given back."""
     desk = _Desk(bus)
+    colors = ((255, 0, 0), (20, 20, 0), (0, 0, 255))
     for tick in range(50):
         await desk.at(3.0 + 0.06 * tick)
-        color = ((255, 0, 0), (20, 20, 0), (0, 0, 255))[tick % 3]
-        await desk.ask(topics.SET_LAMP, models.SetLamp(color=color), "led_0")
+        flash = models.SetLamp(color=colors[tick % 3])
+        await desk.ask(topics.SET_LAMP, flash, "led_0")
     await desk.at(7.0)
     await desk.ask(topics.SET_LAMP, models.SetLamp(), "led_0")
     await desk.ask(topics.SET_BRIGHTNESS, models.SetBrightness(brightness=0.5))

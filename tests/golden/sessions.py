@@ -212,27 +212,37 @@ def _write_robot(path: Path) -> None:
             angle = 0.4 * tick / 25
             x = 2.0 + 2.5 * math.cos(angle)
             y = 0.5 + 1.5 * math.sin(2 * angle)
-            rows.writerow([f"{number:.4f}" for number in (tick / 25, 1, 0, 0, 0, x, y, 0.1)])
+            numbers = (tick / 25, 1, 0, 0, 0, x, y, 0.1)
+            rows.writerow([f"{number:.4f}" for number in numbers])
 
 
 async def _play(session: Session, listen: Callable[[MemoryBus], L], *, through_link: bool) -> L:
     plan = read_scenario(session.scenario)
-    plan = plan.model_copy(update={"site": {**plan.site, **session.site}})
+    site = {**plan.site, **session.site}
+    plan = plan.model_copy(update={"site": site})
     launches = site_launches(plan, session.choices)
     for index, user in enumerate(session.users):
         launches += user_launches(plan, session.choices, user, index)
-    shards = [] if session.shard_s is None else shard_launches(plan, session.choices, session.users[0])
+    shards: list[Launch] = []
+    if session.shard_s is not None:
+        shards = shard_launches(plan, session.choices, session.users[0])
+
+    # the onlooker listens first: to messages as they were sent, or as they arrive through the link
     exchange = LocalBroker()
-    onlooker = (session.link if through_link else MemoryBus)(exchange)
+    onlooker_link = session.link if through_link else MemoryBus
+    onlooker = onlooker_link(exchange)
     bus = session.link(exchange)
     heard = listen(onlooker)
+
+    # services, shards that end early, and the acts of others
     lives = [asyncio.create_task(_live(launch, bus)) for launch in launches]
     served = [asyncio.create_task(_live(launch, bus)) for launch in shards]
     asyncio.get_running_loop().call_later(session.shard_s or 0.0, _cancel, served)
     scripted = asyncio.create_task(session.script(onlooker)) if session.script else None
     if session.restarts:
         await _restart_each(launches, lives, bus, session.duration_s)
-    await asyncio.wait(lives, timeout=session.duration_s - (VirtualClock().now_ns() - START_NS) / NS_PER_S)
+    passed_s = (VirtualClock().now_ns() - START_NS) / NS_PER_S
+    await asyncio.wait(lives, timeout=session.duration_s - passed_s)
     if scripted is not None:
         scripted.result()
     _cancel(lives)

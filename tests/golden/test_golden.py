@@ -34,8 +34,11 @@ HELP = "; the docstring of tests/golden/test_golden.py says how to look at the c
 def test_messages_are_those_recorded(name: str) -> None:
     session = SESSIONS[name]
     record = play(session, Record)
-    assert [what for what in session.happens if not record.has(what)] == [], "the session shows too little"
-    changed = difference(read_hashes().get(name, {}), record.hashes())
+    missing = [message for message in session.happens if not record.has(message)]
+    assert missing == [], "the session shows too little"
+
+    recorded = read_hashes().get(name, {})
+    changed = difference(recorded, record.hashes())
     assert not changed, f"{name}: {changed}{HELP}"
 
 
@@ -73,14 +76,18 @@ def test_a_difference_names_the_first_changed_key_with_both_counts() -> None:
 
 
 def test_comparison_ignores_last_digits_but_not_order_or_hundredths() -> None:
-    assert not difference(hashes_of(pose(1.0)), hashes_of(pose(1.0 + 1e-9)))
-    assert difference(hashes_of(pose(1.0)), hashes_of(pose(1.00002)))
-    assert difference(hashes_of(pose(1.0), pose(2.0)), hashes_of(pose(2.0), pose(1.0)))
+    one = hashes_of(pose(1.0))
+    assert not difference(one, hashes_of(pose(1.0 + 1e-9)))
+    assert difference(one, hashes_of(pose(1.00002)))
+
+    both = hashes_of(pose(1.0), pose(2.0))
+    swapped = hashes_of(pose(2.0), pose(1.0))
+    assert difference(both, swapped)
 
 
 def test_a_change_of_wording_changes_the_entry_for_sentences_alone() -> None:
-    before, after = (
-        hashes_of(Feedback(stamp_ns=1, cue="refused", text=t)) for t in ("go on", "wait, please")
-    )
-    assert difference(before, after).startswith(f"users/anna/feedback{SENTENCES} changed first")
-    assert "also" not in difference(before, after)
+    before = hashes_of(Feedback(stamp_ns=1, cue="refused", text="go on"))
+    after = hashes_of(Feedback(stamp_ns=1, cue="refused", text="wait, please"))
+    changed = difference(before, after)
+    assert changed.startswith(f"users/anna/feedback{SENTENCES} changed first")
+    assert "also" not in changed

@@ -71,7 +71,8 @@ class Mutant:
         if not path.is_file():
             return f"{self.file}: no such file{self._elsewhere()}"
         try:
-            compile(mutate(path.read_text("utf-8"), self.line, self.mutated), self.file, "exec")
+            source = mutate(path.read_text("utf-8"), self.line, self.mutated)
+            compile(source, self.file, "exec")
         except ValueError as error:
             return f"{self.file}: {error}{self._elsewhere()}"
         except SyntaxError as error:
@@ -80,32 +81,42 @@ class Mutant:
             return f"{self.file}: line is not changed: {self.line}"
         test, *names = self.test.split("::")
         path = ROOT / test
-        if not path.is_file() or any(name.partition("[")[0] not in path.read_text("utf-8") for name in names):
+        if not path.is_file():
             return f"{self.test}: no such test"
+        tests = path.read_text("utf-8")
+        for name in names:
+            function, _, _ = name.partition("[")
+            if function not in tests:
+                return f"{self.test}: no such test"
         return ""
 
     def homes(self) -> list[str]:
         """Return the product files that contain the line exactly once."""
-        files = (path for source in SOURCES for path in sorted((ROOT / source).rglob("*.py")))
-        return [
-            path.relative_to(ROOT).as_posix()
-            for path in files
-            if [text.strip() for text in path.read_text("utf-8").splitlines()].count(self.line) == 1
-        ]
+        homes: list[str] = []
+        for source in SOURCES:
+            for path in sorted((ROOT / source).rglob("*.py")):
+                lines = [text.strip() for text in path.read_text("utf-8").splitlines()]
+                if lines.count(self.line) == 1:
+                    homes.append(path.relative_to(ROOT).as_posix())
+        return homes
 
     def _elsewhere(self) -> str:
         """Return a hint where the line may be now."""
-        if homes := self.homes():
+        homes = self.homes()
+        if homes:
             return f"\n  the line is in {', '.join(homes)}"
+        lines: list[str] = []
         path = ROOT / self.file
-        lines = [text.strip() for text in path.read_text("utf-8").splitlines()] if path.is_file() else []
+        if path.is_file():
+            lines = [text.strip() for text in path.read_text("utf-8").splitlines()]
         nearest = difflib.get_close_matches(self.line, lines, n=1)
         return f"\n  nearest line: {nearest[0]}" if nearest else ""
 
 
 def read(path: Path = ROWS) -> list[Mutant]:
     """Return the mutants in the order of the file."""
-    return [Mutant(**row) for row in tomllib.loads(path.read_text("utf-8"))["mutant"]]
+    rows = tomllib.loads(path.read_text("utf-8"))["mutant"]
+    return [Mutant(**row) for row in rows]
 
 
 def mend(path: Path = ROWS) -> None:
@@ -118,12 +129,17 @@ def mend(path: Path = ROWS) -> None:
     for index, mutant in enumerate(read(path)):
         if not mutant.error():
             continue
-        if mutant.file not in (homes := mutant.homes()) and len(homes) == 1:
+        homes = mutant.homes()
+        if mutant.file not in homes and len(homes) == 1:
             rows[index] = rows[index].replace(mutant.file, homes[0], 1)
         test, *names = mutant.test.split("::")
-        if names and (ROOT / test).is_file() and names[-1] not in (ROOT / test).read_text("utf-8"):
+        test_path = ROOT / test
+        if not names or not test_path.is_file():
+            continue
+        if names[-1] not in test_path.read_text("utf-8"):
             rows[index] = rows[index].replace(mutant.test, test, 1)
-    path.write_text("[[mutant]]\n".join([head, *rows]), "utf-8")
+    mended = "[[mutant]]\n".join([head, *rows])
+    path.write_text(mended, "utf-8")
 
 
 def run_tests(tests: Sequence[str], mutant: Mutant | None = None) -> tuple[int, str]:
@@ -132,22 +148,23 @@ def run_tests(tests: Sequence[str], mutant: Mutant | None = None) -> tuple[int, 
     Returns:
         The exit code of pytest and what it printed.
     """
-    changed = {"OPENBLAS_NUM_THREADS": "1"}
     options = ["-q", "--no-header", "--tb=short", "-p", "no:cacheprovider", "-p", "tests.mutants.plugin"]
     options += ["-o", f"timeout={TIMEOUT_S}", "--hypothesis-seed=0"]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     if mutant is not None:
         options += ["-x"]
-        changed[VARIABLE] = json.dumps(asdict(mutant) | {"file": str(ROOT / mutant.file)})
-    ended = subprocess.run(
+        file = {"file": str(ROOT / mutant.file)}
+        environment[VARIABLE] = json.dumps(asdict(mutant) | file)
+    process = subprocess.run(
         [sys.executable, "-m", "pytest", *options, *tests],
         cwd=ROOT,
-        env={name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-        | changed,
+        env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
-    return ended.returncode, ended.stdout + ended.stderr
+    return process.returncode, process.stdout + process.stderr
 
 
 def verdict(mutant: Mutant) -> str:
@@ -156,7 +173,9 @@ def verdict(mutant: Mutant) -> str:
     if code == FAILED:
         return "killed"
     if code == PASSED:
-        return f"SURVIVED ({NOT_IMPORTED})" if NOT_IMPORTED in printed else "SURVIVED"
+        if NOT_IMPORTED in printed:
+            return f"SURVIVED ({NOT_IMPORTED})"
+        return "SURVIVED"
     return f"BROKEN (pytest ended with {code})\n{printed}"
 
 
@@ -186,19 +205,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run_by(file, chosen.by, chosen.sample, chosen.seed)
     if chosen.mend:
         mend()
-    mutants = [
-        mutant
-        for mutant in read()
-        if not chosen.part or any(part in mutant.file + " " + mutant.test for part in chosen.part)
-    ]
+    mutants = [mutant for mutant in read() if _is_chosen(mutant, chosen.part)]
     if chosen.sample is not None:
-        mutants = random.Random(chosen.seed).sample(mutants, min(chosen.sample, len(mutants)))
-    errors = [error for mutant in mutants if (error := mutant.error())]
+        count = min(chosen.sample, len(mutants))
+        mutants = random.Random(chosen.seed).sample(mutants, count)
+    errors = list(filter(None, (mutant.error() for mutant in mutants)))
     _say("\n".join([*errors, f"{len(mutants)} mutants, {len(errors)} rows to mend"]))
-    if errors or chosen.check or not mutants:
-        return int(bool(errors) or not mutants)
-
+    if errors or not mutants:
+        return 1
+    if chosen.check:
+        return 0
     return _run(mutants)
+
+
+def _is_chosen(mutant: Mutant, parts: Sequence[str]) -> bool:
+    """Return True if file or test contains one of `parts`, or there are none."""
+    text = f"{mutant.file} {mutant.test}"
+    return not parts or any(part in text for part in parts)
 
 
 def _run_by(file: str, test: str, count: int | None, seed: str) -> int:
@@ -226,46 +249,59 @@ def _say(text: str) -> None:
 
 def _run(mutants: Sequence[Mutant]) -> int:
     """Run the tests of `mutants` without and with them; return 0 if all are killed."""
-    code, printed = run_tests(sorted({mutant.test for mutant in mutants}))
+    tests = {mutant.test for mutant in mutants}
+    code, printed = run_tests(sorted(tests))
     if code != PASSED:
         _say(f"{printed}\nThe tests fail without any mutant.")
         return 1
     killed = 0
     for mutant in mutants:
-        began = time.monotonic()
+        start_s = time.monotonic()
         answer = verdict(mutant)
+        took_s = time.monotonic() - start_s
         killed += answer == "killed"
-        _say(f"{time.monotonic() - began:5.1f} s  {mutant.file}: {mutant.mutated}: {answer}")
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    _say(f"{killed} of {len(mutants)} killed, {used.ru_utime + used.ru_stime:.0f} s of CPU")
+        _say(f"{took_s:5.1f} s  {mutant.file}: {mutant.mutated}: {answer}")
+    _say(f"{killed} of {len(mutants)} killed, {_children_s():.0f} s of CPU")
     return int(killed < len(mutants))
+
+
+def _children_s() -> float:
+    """Return the CPU time of the processes that have ended."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def _run_fresh(count: int, seed: str, parts: Sequence[str]) -> int:
     """Run the tests of rooms and the nets with fresh mutants; return 0 if nine in ten are killed."""
     rows = {(row.file, row.line) for row in read()}
-    reasons = {(row.file, row.line, row.mutated): row.test for row in read(EQUIVALENT)}
+    reasons: dict[tuple[str, str, str], str] = {}
+    for row in read(EQUIVALENT):
+        reasons[row.file, row.line, row.mutated] = row.test
     tally: Counter[str] = Counter()
     for file, line, mutated in fresh.sample(count, seed, rows):
-        if parts and not any(part in file for part in parts):
+        mutant = Mutant(file, line, mutated, "")
+        if not _is_chosen(mutant, parts):
             continue
-        began = time.monotonic()
-        if reason := reasons.get((file, line, mutated)):
-            answer = "equivalent"
-            said = reason
-        else:
-            answer, said = _fresh_verdict(Mutant(file, line, mutated, ""))
+        start_s = time.monotonic()
+        answer = "equivalent"
+        detail = reasons.get((file, line, mutated), "")
+        if not detail:
+            answer, detail = _fresh_verdict(mutant)
+        took_s = time.monotonic() - start_s
         tally[answer] += 1
-        _say(f"{time.monotonic() - began:5.1f} s  {answer}  {file}: {line} -> {mutated}  {said}")
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    _say(f"{dict(tally)}, {used.ru_utime + used.ru_stime:.0f} s of CPU")
-    return int(tally["killed"] < 0.9 * (tally["killed"] + tally["SURVIVED"]))
+        _say(f"{took_s:5.1f} s  {answer}  {file}: {line} -> {mutated}  {detail}")
+    _say(f"{dict(tally)}, {_children_s():.0f} s of CPU")
+    judged = tally["killed"] + tally["SURVIVED"]
+    return int(tally["killed"] < 0.9 * judged)
 
 
 def _fresh_verdict(mutant: Mutant) -> tuple[str, str]:
     """Return `killed` or `SURVIVED`, and the test that failed."""
     for tests in (fresh.unit_tests(mutant.file), fresh.NETS):
-        code, printed = run_tests(tests, mutant) if tests else (PASSED, "")
+        code = PASSED
+        printed = ""
+        if tests:
+            code, printed = run_tests(tests, mutant)
         if code != PASSED:  # also an import that is no longer possible
             failed = re.search(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
             return "killed", failed[1] if failed else f"pytest ended with {code}"

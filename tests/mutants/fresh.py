@@ -7,6 +7,7 @@ people read are left as they are.
 
 import ast
 import random
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
@@ -47,26 +48,32 @@ def core_files() -> list[str]:
 
 def unit_tests(file: str) -> list[str]:
     """Return the test files of the room of `file`, those that name its module first, and the laboratory's."""
-    room = Path(file.removeprefix("pointit/")).parts
-    folder = ROOT / "tests/unit" / (room[1] if room[0] == "services" else room[0])
-    module = ".".join(("pointit", *Path(file.removeprefix("pointit/")).with_suffix("").parts))
+    room = Path(file.removeprefix("pointit/"))
+    first, second, *_ = room.parts
+    folder = ROOT / "tests/unit" / (second if first == "services" else first)
+    module = ".".join(("pointit", *room.with_suffix("").parts))
     tests = sorted(folder.rglob("test_*.py"), key=lambda path: module not in path.read_text("utf-8"))
-    lab = [
-        path for path in sorted((ROOT / "tests/lab").rglob("test_*.py")) if module in path.read_text("utf-8")
-    ]
-    return [path.relative_to(ROOT).as_posix() for path in (*tests, *lab)]
+    for path in sorted((ROOT / "tests/lab").rglob("test_*.py")):
+        if module in path.read_text("utf-8"):
+            tests.append(path)
+    return [path.relative_to(ROOT).as_posix() for path in tests]
 
 
 def of_file(file: str, seed: str) -> list[tuple[str, str]]:
     """Return lines of a file, each with one mistake, in an order by `seed`."""
-    found: dict[str, list[str]] = {}
-    for line, mutated in changes((ROOT / file).read_text("utf-8")):
-        found.setdefault(line, []).append(mutated)
     drawn: list[tuple[float, str, str]] = []
-    for line, mistakes in found.items():
+    for line, mistakes in _mistakes_by_line(file).items():
         chance = random.Random(f"{seed} {file} {line}")
         drawn.append((chance.random(), line, chance.choice(mistakes)))
     return [(line, mutated) for _, line, mutated in sorted(drawn)]
+
+
+def _mistakes_by_line(file: str) -> dict[str, list[str]]:
+    """Return what mistakes make of each line of a file, in its order."""
+    by_line = defaultdict[str, list[str]](list)
+    for line, mutated in changes((ROOT / file).read_text("utf-8")):
+        by_line[line].append(mutated)
+    return dict(by_line)
 
 
 def sample(count: int, seed: str, without: set[tuple[str, str]]) -> list[tuple[str, str, str]]:
@@ -76,14 +83,13 @@ def sample(count: int, seed: str, without: set[tuple[str, str]]) -> list[tuple[s
     """
     drawn: list[tuple[float, str, str, str]] = []
     for file in core_files():
-        found: dict[str, list[str]] = {}
-        for line, mutated in changes((ROOT / file).read_text("utf-8")):
-            found.setdefault(line, []).append(mutated)
-        for line, mistakes in found.items():
-            if (file, line) not in without:
-                chance = random.Random(f"{seed} {file} {line}")
-                drawn.append((chance.random(), file, line, chance.choice(mistakes)))
-    return [(file, line, mutated) for _, file, line, mutated in sorted(drawn)[:count]]
+        for line, mistakes in _mistakes_by_line(file).items():
+            if (file, line) in without:
+                continue
+            chance = random.Random(f"{seed} {file} {line}")
+            drawn.append((chance.random(), file, line, chance.choice(mistakes)))
+    first = sorted(drawn)[:count]
+    return [(file, line, mutated) for _, file, line, mutated in first]
 
 
 def changes(source: str) -> Iterator[tuple[str, str]]:
@@ -91,15 +97,21 @@ def changes(source: str) -> Iterator[tuple[str, str]]:
     lines = source.splitlines()
     stripped = [line.strip() for line in lines]
     for node in _code(ast.parse(source)):
-        if not isinstance(node, ast.expr | ast.stmt) or node.end_lineno != node.lineno:
+        if not isinstance(node, ast.expr | ast.stmt):
+            continue
+        if node.end_lineno != node.lineno:
             continue
         text = lines[node.lineno - 1]
         line = stripped[node.lineno - 1]
-        if line.isascii() and stripped.count(line) == 1:
-            for instead in _mistakes(node):
-                mutated = (text[: node.col_offset] + instead + text[node.end_col_offset :]).strip()
-                if mutated != line:
-                    yield line, mutated
+        # columns are of bytes, and a row must name one line
+        if not line.isascii() or stripped.count(line) != 1:
+            continue
+        before = text[: node.col_offset]
+        after = text[node.end_col_offset :]
+        for instead in _mistakes(node):
+            mutated = f"{before}{instead}{after}".strip()
+            if mutated != line:
+                yield line, mutated
 
 
 def _code(node: ast.AST) -> Iterator[ast.AST]:
@@ -108,8 +120,11 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list"):
             continue
-        for child in cast("list[object]", value if isinstance(value, list) else [value]):
-            if isinstance(child, ast.AST) and not isinstance(child, ast.JoinedStr | ast.Raise | ast.Assert):
+        children = value if isinstance(value, list) else [value]
+        for child in cast("list[object]", children):
+            if isinstance(child, ast.JoinedStr | ast.Raise | ast.Assert):
+                continue
+            if isinstance(child, ast.AST):
                 yield from _code(child)
 
 
@@ -138,7 +153,8 @@ def _miscalculated(node: ast.Compare | ast.BinOp | ast.BoolOp) -> Iterator[ast.e
     """Yield `node` with another operator, and its sides alone."""
     match node:
         case ast.Compare(left=left, ops=[op], comparators=rest):
-            yield ast.Compare(left, [OPERATORS[type(op)]()], rest)
+            operator = OPERATORS[type(op)]()
+            yield ast.Compare(left, [operator], rest)
         case ast.BinOp(left=left, op=op, right=right):
             if type(op) in OPERATORS:
                 yield ast.BinOp(left, OPERATORS[type(op)](), right)

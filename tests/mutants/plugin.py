@@ -27,11 +27,13 @@ def mutate(source: str, line: str, mutated: str) -> str:
         ValueError: If `source` does not contain `line` exactly once.
     """
     lines = source.splitlines()
-    found = [index for index, text in enumerate(lines) if text.strip() == line]
-    if len(found) != 1:
-        raise ValueError(f"line found {len(found)} times instead of once: {line}")
-    text = lines[found[0]]
-    lines[found[0]] = text[: len(text) - len(text.lstrip())] + mutated
+    indices = [index for index, text in enumerate(lines) if text.strip() == line]
+    if len(indices) != 1:
+        raise ValueError(f"line found {len(indices)} times instead of once: {line}")
+    (index,) = indices
+    text = lines[index]
+    indentation = text[: len(text) - len(text.lstrip())]
+    lines[index] = indentation + mutated
     return "\n".join(lines) + "\n"
 
 
@@ -42,7 +44,8 @@ class _MutatingLoader(SourceFileLoader):
 
     def get_code(self, fullname: str) -> CodeType:
         """Compile the changed source, past the bytecode cache in both directions."""
-        changed = mutate(self.get_source(fullname) or "", self.mutant["line"], self.mutant["mutated"])
+        source = self.get_source(fullname) or ""
+        changed = mutate(source, self.mutant["line"], self.mutant["mutated"])
         return compile(changed, self.path, "exec", dont_inherit=True)
 
 
@@ -58,9 +61,12 @@ class _Finder(MetaPathFinder):
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         spec = PathFinder.find_spec(fullname, path, target)
-        if spec is None or spec.origin is None or Path(spec.origin).name != self._file.name:
+        if spec is None or spec.origin is None:
             return None
-        if Path(spec.origin).resolve() != self._file:  # `pointit/services` is a link to `services`
+        origin = Path(spec.origin)
+        if origin.name != self._file.name:  # first: to resolve each path would take long
+            return None
+        if origin.resolve() != self._file:  # `pointit/services` is a link to `services`
             return None
         loader = _MutatingLoader(fullname, spec.origin)
         loader.mutant = self._mutant

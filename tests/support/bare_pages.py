@@ -33,4 +33,5 @@ async def _acknowledge(url: str, cookie: str, duration_s: float) -> None:
                 message = await connection.recv()
             if not isinstance(message, str):
                 batch = msgpack.unpackb(message)
-                await connection.send(json.dumps({"kind": "ack", "n": batch[0], "latency_ms": None}))
+                acknowledgement = {"kind": "ack", "n": batch[0], "latency_ms": None}
+                await connection.send(json.dumps(acknowledgement))

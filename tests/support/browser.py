@@ -32,7 +32,8 @@ AS_PLAYWRIGHT = (
 
 
 def installed() -> str | None:
-    return next((path for name in NAMES if (path := shutil.which(name))), None)
+    paths = filter(None, map(shutil.which, NAMES))
+    return next(paths, None)
 
 
 @asynccontextmanager

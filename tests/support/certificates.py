@@ -24,34 +24,46 @@ def issue(
         purpose: the only purpose for which the certificate is issued, or None if there is no limit.
     """
     now = dt.datetime.now(dt.UTC)
-    keys = [ec.generate_private_key(ec.SECP256R1()) for _ in range(2)]
-    names = [x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)]) for text in ("My home", host)]
-    try:
-        name: x509.GeneralName = x509.IPAddress(ipaddress.ip_address(host))
-    except ValueError:
-        name = x509.DNSName(host)
     start = now - dt.timedelta(days=400)
-    made: list[bytes] = []
-    for index, extension in enumerate(
-        (x509.BasicConstraints(ca=True, path_length=None), x509.SubjectAlternativeName([name]))
-    ):
-        builder = (
-            x509.CertificateBuilder(
-                names[0], names[index], keys[index].public_key(), x509.random_serial_number()
-            )
-            .not_valid_before(start)
-            .not_valid_after(now + dt.timedelta(days=days if index else 30.0))
+    authority_key = ec.generate_private_key(ec.SECP256R1())
+    server_key = ec.generate_private_key(ec.SECP256R1())
+    authority_name = _name("My home")
+
+    def certificate(name: str, key: ec.EllipticCurvePrivateKey, days: float) -> x509.CertificateBuilder:
+        end = now + dt.timedelta(days=days)
+        builder = x509.CertificateBuilder(
+            authority_name, _name(name), key.public_key(), x509.random_serial_number()
         )
-        if index and purpose is not None:
-            builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
-        certificate = builder.add_extension(extension, critical=False).sign(keys[0], hashes.SHA256())
-        made.append(certificate.public_bytes(serialization.Encoding.PEM))
-    made.append(
-        keys[1].private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
-    )
+        return builder.not_valid_before(start).not_valid_after(end)
+
+    # the authority signs itself
+    is_authority = x509.BasicConstraints(ca=True, path_length=None)
+    authority = certificate("My home", authority_key, 30.0)
+    authority = authority.add_extension(is_authority, critical=False)
+
+    server = certificate(host, server_key, days)
+    if purpose is not None:
+        server = server.add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+    server = server.add_extension(x509.SubjectAlternativeName([_general_name(host)]), critical=False)
+
+    # the files that such an authority hands out
     files = (folder / "ca.pem", folder / "server.pem", folder / "server.key")
-    for file, content in zip(files, made, strict=True):
-        file.write_bytes(content)
+    for file, builder in zip(files[:2], (authority, server), strict=True):
+        signed = builder.sign(authority_key, hashes.SHA256())
+        file.write_bytes(signed.public_bytes(serialization.Encoding.PEM))
+    key = server_key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    files[2].write_bytes(key)
     return files
+
+
+def _name(text: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)

@@ -33,21 +33,23 @@ class Site:
         self.launch(Launch(service=service, config=service.CONFIG(), user=user))
 
     def launch(self, *launches: Launch) -> None:
-        self._tasks += [
-            asyncio.create_task(run_service(launch, self.bus, WallClock())) for launch in launches
-        ]
+        for launch in launches:
+            service = run_service(launch, self.bus, WallClock())
+            self._tasks.append(asyncio.create_task(service))
 
     def feed_imu(self, user: str, rate_hz: float = 50) -> asyncio.Task[None]:
         """Put a level arm's orientation until the end, or until the task is cancelled."""
-        self._tasks.append(asyncio.create_task(self._feed(user, 1 / rate_hz)))
-        return self._tasks[-1]
+        feeding = asyncio.create_task(self._feed(user, 1 / rate_hz))
+        self._tasks.append(feeding)
+        return feeding
 
     async def _feed(self, user: str, period_s: float) -> None:
         publisher = self.bus.publisher(IMU, user)
         seq = 0
         while True:
             seq += 1
-            publisher.put(ImuSample(stamp_ns=time.time_ns(), seq=seq, orientation_xyzw=(0.0, 0.0, 0.0, 1.0)))
+            sample = ImuSample(stamp_ns=time.time_ns(), seq=seq, orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+            publisher.put(sample)
             await asyncio.sleep(period_s)
 
     @contextlib.asynccontextmanager
@@ -73,10 +75,13 @@ class Site:
         Without `progress`, what a command says while a busy machine lets it connect is left out.
         """
         began_s = time.monotonic()
-        ended = await asyncio.to_thread(run, [*arguments, "--connect", self.endpoint], PATIENCE_S)
+        arguments = (*arguments, "--connect", self.endpoint)
+        code_of_end, out, err = await asyncio.to_thread(run, arguments, PATIENCE_S)
         took_s = time.monotonic() - began_s
-        err = ended[2] if progress else re.sub(r"^looking for site .* …\n", "", ended[2])
-        return Ended(code=ended[0], out=ended[1], err=err, took_s=took_s).checked(code)
+        if not progress:
+            err = re.sub(r"^looking for site .* …\n", "", err)
+        ended = Ended(code=code_of_end, out=out, err=err, took_s=took_s)
+        return ended.checked(code)
 
     async def arrived(self, instance: str) -> None:
         await until(lambda: instance in self.present, PATIENCE_S, f"{instance} is present")
@@ -94,7 +99,8 @@ async def interrupt(process: asyncio.subprocess.Process) -> tuple[int, float]:
     process.send_signal(signal.SIGINT)
     async with asyncio.timeout(PATIENCE_S):
         code = await process.wait()
-    return code, (time.monotonic() - began_s) / slowness()
+        took_s = time.monotonic() - began_s
+    return code, took_s / slowness()
 
 
 async def next_line(stream: asyncio.StreamReader | None) -> str:

@@ -33,9 +33,12 @@ _numbers = itertools.count()
 
 def without_page(arguments: Sequence[str]) -> list[str]:
     """Return the arguments of `pointit` for a run without a page, unless they say something of it."""
-    says_something = any("web" in argument or argument in {"--lan", "--help"} for argument in arguments)
     is_run = list(arguments[:1]) == ["run"]
-    return [*arguments, "--no-web"] if is_run and not says_something else list(arguments)
+    has_page = any("web" in argument for argument in arguments)
+    is_explicit = has_page or not {"--lan", "--help"}.isdisjoint(arguments)
+    if is_run and not is_explicit:
+        return [*arguments, "--no-web"]
+    return list(arguments)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +57,8 @@ class Ended:
 
     def checked(self, code: int | None) -> "Ended":
         """Fail unless it has ended with `code`, if that is given. Return it."""
-        assert code in (None, self.code), f"{self.code}: {self.err}"
+        if code is not None:
+            assert self.code == code, f"{self.code}: {self.err}"
         return self
 
 
@@ -71,12 +75,11 @@ class Command:
         self._out = folder / f"{next(_numbers)}.out"
         self._err = self._out.with_suffix(".err")
         self._began_s = time.monotonic()
-        inherited = {
-            name: value
-            for name, value in os.environ.items()
-            if not name.startswith("POINTIT_")
-            or name in ("POINTIT_STATE", LOG_FORMAT)  # the test's own, not this machine's
-        }
+        # the test's own variables, not this machine's
+        inherited = dict(os.environ)
+        for name in os.environ:
+            if name.startswith("POINTIT_") and name not in ("POINTIT_STATE", LOG_FORMAT):
+                del inherited[name]
         whole = {**inherited, "TMPDIR": str(folder), **environment}
         self.process: subprocess.Popen[bytes] | ForkedProcess
         with self._out.open("wb") as out, self._err.open("wb") as err:
@@ -105,23 +108,30 @@ class Command:
         return [json.loads(line)["message"] for line in lines]
 
     async def says(self, what: str) -> None:
-        def said() -> bool:
+        def has_said() -> bool:
             return what in self.err or what in self.out
 
-        await until(lambda: said() or not self.is_running, PATIENCE_S, f"{what!r} in {self.err}")
-        assert said(), f"it ended with {self.process.returncode} without saying {what!r}: {self.err}"
+        def is_decided() -> bool:
+            return has_said() or not self.is_running
+
+        await until(is_decided, PATIENCE_S, f"{what!r} in {self.err}")
+        assert has_said(), f"it ended with {self.process.returncode} without saying {what!r}: {self.err}"
 
     async def end(self, patience_s: float = PATIENCE_S, *, code: int | None = None) -> Ended:
         """Wait until it ends by itself, with `code` if that is given."""
-        await until(lambda: not self.is_running, patience_s, f"its end; it says {self.err[-2000:]}")
+        await self._until_ended(patience_s)
         return self._ended(self._began_s).checked(code)
 
     async def stop(self, number: int = signal.SIGINT, *, code: int | None = None) -> Ended:
         """Send SIGINT as Ctrl-C does, or another signal; wait for the end, with `code` if that is given."""
         began_s = time.monotonic()
         self.process.send_signal(number)
-        await until(lambda: not self.is_running, PATIENCE_S, f"its end; it says {self.err[-2000:]}")
+        await self._until_ended(PATIENCE_S)
         return self._ended(began_s).checked(code)
+
+    async def _until_ended(self, patience_s: float) -> None:
+        last_words = self.err[-2000:]
+        await until(lambda: not self.is_running, patience_s, f"its end; it says {last_words}")
 
     def family(self) -> list[psutil.Process]:
         """Return it and all that it has started."""
@@ -158,7 +168,8 @@ class Commands:
 
     def start_program(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Command:
         """Start `pointit …` as a shell does, for tests of its start, its end or its command line."""
-        return self.run([sys.executable, "-m", "pointit", *without_page(arguments)], environment)
+        program = [sys.executable, "-m", "pointit"]
+        return self.run([*program, *without_page(arguments)], environment)
 
     def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
         return self._start(arguments, environment, is_forked=False)
@@ -167,7 +178,8 @@ class Commands:
         self, *arguments: str, environment: Mapping[str, str] | None = None, code: int | None = None
     ) -> Ended:
         """Run `pointit …` to its end, with `code` if that is given."""
-        return await self.start(*arguments, environment=environment).end(code=code)
+        command = self.start(*arguments, environment=environment)
+        return await command.end(code=code)
 
     def _start(
         self, arguments: Sequence[str], environment: Mapping[str, str] | None, *, is_forked: bool
@@ -197,10 +209,14 @@ class Onlooker:
     frames: list[StripsFrame] = field(default_factory=list[StripsFrame])
 
     def look(self) -> None:
-        self.bus.watch(
-            topics.SERVICE_ALIVE, lambda name, *, present: change(self.present, name, here=present)
-        )
-        self.bus.watch(topics.USER_ALIVE, lambda name, *, present: change(self.people, name, here=present))
+        def on_service(name: str, *, present: bool) -> None:
+            change(self.present, name, here=present)
+
+        def on_person(name: str, *, present: bool) -> None:
+            change(self.people, name, here=present)
+
+        self.bus.watch(topics.SERVICE_ALIVE, on_service)
+        self.bus.watch(topics.USER_ALIVE, on_person)
         self.bus.subscribe(topics.HEALTH, self._on_health)
         self.bus.subscribe(topics.CURSOR, lambda message, user: self.cursors[user].append(message))
         self.bus.subscribe(topics.INTERACTION, lambda message, user: self.interactions[user].append(message))
@@ -217,13 +233,20 @@ class Onlooker:
         return {cursor.surface_id for cursor in self.cursors[user] if cursor.surface == "strip"}
 
     def object_ids(self) -> set[str]:
-        return {thing.id for message in self.objects for thing in message.objects}
+        ids = set[str]()
+        for message in self.objects:
+            ids.update(thing.id for thing in message.objects)
+        return ids
 
     async def sees_cursors(self, *users: str, patience_s: float = PATIENCE_S) -> None:
         """Wait until each of `users` moves a cursor over a strip from now on."""
         for user in users:
             self.cursors[user].clear()
-        await until(lambda: all(self.surfaces(user) for user in users), patience_s, f"cursors of {users}")
+
+        def has_all() -> bool:
+            return all(self.surfaces(user) for user in users)
+
+        await until(has_all, patience_s, f"cursors of {users}")
 
     async def sees_more(self, messages: Sequence[Message], what: str) -> None:
         """Wait until more than now of `messages` have come."""
@@ -232,7 +255,10 @@ class Onlooker:
 
 
 def change(names: set[str], name: str, *, here: bool) -> None:
-    (names.add if here else names.discard)(name)
+    if here:
+        names.add(name)
+    else:
+        names.discard(name)
 
 
 @contextlib.asynccontextmanager
@@ -250,7 +276,8 @@ async def onlooker(endpoint: str, site: str = "lab") -> AsyncGenerator[Onlooker]
 
 async def start_delay_s(pointit: Callable[..., Awaitable[Ended]]) -> float:
     """Return the extra start time of a command on this machine under its current load, s."""
-    return max(0.0, (await pointit("doctor", "--help")).took_s - START_S)
+    ended = await pointit("doctor", "--help")
+    return max(0.0, ended.took_s - START_S)
 
 
 def summary_of(ended: Ended) -> dict[str, Any]:

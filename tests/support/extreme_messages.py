@@ -41,21 +41,32 @@ def extreme_messages(kind: type[P], plain: Mapping[str, Any], texts: Sequence[st
         texts: further values of texts, such as names that exist on the site.
     """
     values = _Values((*TEXTS, *texts))
-    fields = {name: values.of(field.annotation, field.metadata) for name, field in kind.model_fields.items()}
-    plain_fields = {
-        name: extremes[0] for name, extremes in fields.items() if kind.model_fields[name].is_required()
-    }
+    fields: dict[str, list[Any]] = {}
+    plain_fields: dict[str, Any] = {}
+    for name, field in kind.model_fields.items():
+        fields[name] = values.of(field.annotation, field.metadata)
+        if field.is_required():
+            plain_fields[name] = fields[name][0]
     plain_fields.update(plain)
-    singles = ({name: value} for name, extremes in fields.items() for value in extremes)
-    longest = max((len(extremes) for extremes in fields.values()), default=0)
-    rows = (
-        {name: extremes[row % len(extremes)] for name, extremes in fields.items()} | dict(plain)
-        for row in range(longest)
-    )
-    for changed in itertools.chain(singles, rows):
+    for changed in itertools.chain(_singles(fields), _rows(fields, plain)):
         message = _valid(kind, {**plain_fields, **changed})
         if message is not None:
             yield message
+
+
+def _singles(fields: Mapping[str, Sequence[Any]]) -> Iterator[dict[str, Any]]:
+    """Yield each extreme of each field alone."""
+    for name, extremes in fields.items():
+        for value in extremes:
+            yield {name: value}
+
+
+def _rows(fields: Mapping[str, Sequence[Any]], plain: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield extremes of all fields at once, each at least once, but for `plain` ones."""
+    longest = max(map(len, fields.values()), default=0)
+    for row in range(longest):
+        values = {name: extremes[row % len(extremes)] for name, extremes in fields.items()}
+        yield {**values, **plain}
 
 
 def _valid(kind: type[P], fields: Mapping[str, Any]) -> P | None:
@@ -64,7 +75,8 @@ def _valid(kind: type[P], fields: Mapping[str, Any]) -> P | None:
         message = kind.model_validate(fields)
     except ValidationError:
         return None
-    return message if len(encode(message)) <= kind.max_bytes else None
+    is_short = len(encode(message)) <= kind.max_bytes
+    return message if is_short else None
 
 
 class _Values:
@@ -82,7 +94,10 @@ class _Values:
         if origin is typing.Literal:
             return list(arguments)
         if origin in (typing.Union, types.UnionType):
-            return [value for each in arguments for value in self.of(each, metadata)]
+            values: list[Any] = []
+            for argument in arguments:
+                values += self.of(argument, metadata)
+            return values
         if origin is tuple:
             return self._of_tuple(arguments, metadata)
         if isinstance(annotation, type) and issubclass(annotation, SchemaModel):
@@ -91,15 +106,17 @@ class _Values:
 
     def _of_tuple(self, arguments: Sequence[Any], metadata: Sequence[Any]) -> list[Any]:
         if arguments[-1] is not Ellipsis:
-            if any(isinstance(each, AfterValidator) for each in metadata):
+            if any(isinstance(constraint, AfterValidator) for constraint in metadata):
                 return _axes(len(arguments))
-            columns = [self.of(each, []) for each in arguments]
-            longest = max(len(column) for column in columns)
-            rows = [tuple(column[row % len(column)] for column in columns) for row in range(longest)]
-            shifted = [
-                tuple(column[(row + place) % len(column)] for place, column in enumerate(columns))
-                for row in range(longest)
-            ]
+            columns = [self.of(argument, []) for argument in arguments]
+            longest = max(map(len, columns))
+            rows: list[Any] = []
+            shifted: list[Any] = []
+            for row in range(longest):
+                rows.append(tuple(column[row % len(column)] for column in columns))
+                # different extremes at the same time
+                places = enumerate(columns, start=row)
+                shifted.append(tuple(column[place % len(column)] for place, column in places))
             return [*rows, *shifted]
         items = self.of(arguments[0], [])
         singles = [(item,) for item in items]
@@ -107,13 +124,15 @@ class _Values:
         return [(), *singles, *pairs, tuple(items[:MANY]), tuple(items[:1] * MANY)]
 
     def _of_model(self, kind: type[SchemaModel]) -> list[Any]:
-        return [dict(vars(each)) for each in extreme_messages(kind, {}, self._texts[len(TEXTS) :])]
+        texts = self._texts[len(TEXTS) :]
+        return [dict(vars(message)) for message in extreme_messages(kind, {}, texts)]
 
     def _of_plain(self, annotation: Any, limits: Mapping[str, Any]) -> list[Any]:
         if annotation is str:
             length = limits.get("max_length", LONG)
             long_texts = ["a" * length, "\U0001f4a5" * length]
-            return ["a", *long_texts, *(text[:length] for text in self._texts)]
+            short_texts = [text[:length] for text in self._texts]
+            return ["a", *long_texts, *short_texts]
         if annotation is bool:
             return [False, True]
         if annotation is bytes:
@@ -122,8 +141,10 @@ class _Values:
             return [None]
         if annotation not in (int, float):
             raise TypeError(f"no extremes of {annotation}: add them here")
-        low = limits.get("gt", limits.get("ge", -1e300 if annotation is float else -(2**63)))
-        high = limits.get("lt", limits.get("le", 1e300 if annotation is float else 2**64 - 1))
+        least = -1e300 if annotation is float else -(2**63)
+        most = 1e300 if annotation is float else 2**64 - 1
+        low = limits.get("gt", limits.get("ge", least))
+        high = limits.get("lt", limits.get("le", most))
         if annotation is int:
             return [max(low, 0), low, low + 1, high, high - 1, 1]
         inside = (math.nextafter(low, math.inf), math.nextafter(high, -math.inf))
@@ -133,24 +154,28 @@ class _Values:
 def _limits(metadata: Sequence[Any]) -> dict[str, Any]:
     """Return the constraints of a field by their names."""
     constraints: list[Any] = []
-    for each in metadata:
-        constraints += getattr(each, "metadata", [each])
-    return {
-        name: getattr(each, name)
-        for each in constraints
-        for name in ("ge", "gt", "le", "lt", "max_length")
-        if getattr(each, name, None) is not None
-    }
+    for item in metadata:
+        constraints += getattr(item, "metadata", [item])
+    limits: dict[str, Any] = {}
+    for constraint in constraints:
+        for name in ("ge", "gt", "le", "lt", "max_length"):
+            limit = getattr(constraint, name, None)
+            if limit is not None:
+                limits[name] = limit
+    return limits
 
 
 def _axes(size: int) -> list[Any]:
     """Return unit vectors of `size`: both directions of each axis, a diagonal, one of float32 precision."""
-    signs = [
-        tuple(sign if place == axis else 0.0 for place in range(size))
-        for axis in range(size)
-        for sign in (1.0, -1.0)
-    ]
-    return [*signs, (size**-0.5,) * size, (1.0009, *(0.0,) * (size - 1))]
+    axes: list[Any] = []
+    for axis in range(size):
+        for sign in (1.0, -1.0):
+            vector = [0.0] * size
+            vector[axis] = sign
+            axes.append(tuple(vector))
+    diagonal = (size**-0.5,) * size
+    zeros = (0.0,) * (size - 1)
+    return [*axes, diagonal, (1.0009, *zeros)]
 
 
 def is_name(text: str) -> bool:

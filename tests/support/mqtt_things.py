@@ -31,36 +31,50 @@ ROOM = room(thing("screws", label="Screws, 4 mm"), thing("radio", "switch"), thi
 
 @contextlib.asynccontextmanager
 async def published(port: int, bench: Bench, *, is_new_run: bool = True) -> AsyncGenerator[MqttThings]:
-    watcher = MqttThings(broker_of(f"127.0.0.1:{port}"), is_new_run=is_new_run)
+    broker = broker_of(f"127.0.0.1:{port}")
+    watcher = MqttThings(broker, is_new_run=is_new_run)
     listening = watcher.attach(bench.bus, lambda _text, _user: None)
     try:
         yield watcher
     finally:
-        for each in listening:
-            each.close()
-        ended = [task for task in asyncio.all_tasks() if task.get_name().endswith("by MQTT")]
-        await asyncio.gather(*ended, return_exceptions=True)
+        for subscription in listening:
+            subscription.close()
+        ending = [task for task in asyncio.all_tasks() if task.get_name().endswith("by MQTT")]
+        await asyncio.gather(*ending, return_exceptions=True)
 
 
 def point(bench: Bench, name: str, event: str = "selected") -> None:
-    fields = {"stamp_ns": time_ns(), "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
-    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate({**fields, "carriers": ("mqtt",)}))
+    event_fields = {
+        "stamp_ns": time_ns(),
+        "event": event,
+        "object_id": name,
+        "user": "anna",
+        "confidence": 0.9,
+        "carriers": ("mqtt",),
+    }
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(event_fields))
 
 
 def found(heard: Heard) -> Mapping[str, Any]:
     """Return the announcements of entities that are in force, by their kind and the id of their thing."""
-    return {name: each for name, each in announced(heard).items() if not name.startswith(TRIGGER)}
+    announcements = announced(heard)
+    return {name: entry for name, entry in announcements.items() if not name.startswith(TRIGGER)}
 
 
 def announced(heard: Heard) -> Mapping[str, Any]:
     """Return the announcements of entities and triggers that are in force, by their kind and id."""
     last = {topic: payload for topic, payload in heard if topic.endswith("/config")}
-    split = {topic: topic.split("/") for topic in last}
-    return {f"{split[topic][1]} {split[topic][3]}": json.loads(text) for topic, text in last.items() if text}
+    announcements: dict[str, Any] = {}
+    for topic, payload in last.items():
+        _, kind, _, name, *_ = topic.split("/")
+        if payload:  # an empty one takes back what was announced
+            announcements[f"{kind} {name}"] = json.loads(payload)
+    return announcements
 
 
 def told(heard: Heard, topic: str) -> list[Any]:
-    return [json.loads(payload) for at, payload in heard if at == topic]
+    payloads = [payload for heard_topic, payload in heard if heard_topic == topic]
+    return [json.loads(payload) for payload in payloads]
 
 
 def state_topic(bench: Bench) -> str:

@@ -38,9 +38,11 @@ def nginx(folder: Path, lines: str) -> Generator[int]:
         pytest.skip("nginx is not installed")
     port = free_port()
     configuration = folder / "nginx.conf"
-    configuration.write_text(CONFIGURATION.format(folder=folder, port=port, lines=lines), encoding="utf-8")
+    text = CONFIGURATION.format(folder=folder, port=port, lines=lines)
+    configuration.write_text(text, encoding="utf-8")
     log = folder / "nginx.log"
-    process = subprocess.Popen([NGINX, "-p", str(folder), "-e", str(log), "-c", str(configuration)])
+    command = [NGINX, "-p", str(folder), "-e", str(log), "-c", str(configuration)]
+    process = subprocess.Popen(command)
     try:
         yield port
     finally:

@@ -17,12 +17,15 @@ def slowness() -> float:
     began_s = time.monotonic()
     subprocess.run([sys.executable, "-c", "pass"], check=True, timeout=60)
     start = (time.monotonic() - began_s) / START_S
-    return max(1.0, start, os.getloadavg()[0] / (os.cpu_count() or 1))
+    load = os.getloadavg()[0] / (os.cpu_count() or 1)
+    return max(1.0, start, load)
 
 
 def within(took_s: float, limit_s: float) -> bool:
     """Return True if `took_s` is less than `limit_s`, the limit on a quiet machine."""
-    return took_s < limit_s or took_s < limit_s * min(MOST, slowness())
+    if took_s < limit_s:
+        return True
+    return took_s < limit_s * min(MOST, slowness())
 
 
 class Patience:
@@ -47,7 +50,10 @@ class Patience:
         return passed_s > self._duration_s * self._factor
 
     def __str__(self) -> str:
-        return f"{self._duration_s} s" + ("" if self._factor is None else f" x {self._factor:.1f} (busy)")
+        text = f"{self._duration_s} s"
+        if self._factor is None:
+            return text
+        return f"{text} x {self._factor:.1f} (busy)"
 
 
 class VirtualPatience(Patience):

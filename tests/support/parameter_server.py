@@ -1,6 +1,6 @@
 """A ROS node with parameters: its answers, and a graph without other nodes."""
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,12 +21,16 @@ def message_of(types: Types, value: Value | None) -> Any:
     """
     if value is None:
         return types.make(MESSAGE)
-    kinds: set[type] = {type(each) for each in value} or {float} if isinstance(value, list) else {type(value)}
-    known = LISTS if isinstance(value, list) else KINDS
-    kind = known.get(kinds.pop()) if len(kinds) == 1 else None
-    if kind is None:
+    is_list = isinstance(value, list)
+    kinds: set[type] = {type(value)}
+    if isinstance(value, list):
+        kinds = {type(item) for item in value} or {float}
+    numbers = LISTS if is_list else KINDS
+    number = numbers.get(kinds.pop()) if len(kinds) == 1 else None
+    if number is None:
         raise ValueError(f"{value!r:.60} is no value that a ROS parameter can have")
-    return types.make(MESSAGE, type=kind, **{FIELDS[kind]: value})
+    field = {FIELDS[number]: value}
+    return types.make(MESSAGE, type=number, **field)
 
 
 def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -34,22 +38,33 @@ def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     start = f"{prefix}." if prefix else ""
     parameters: dict[str, Any] = {}
     for section, inside in tree.items():
-        for name, entry in enumerate(inside) if isinstance(inside, list) else inside.items():
+        for name, entry in _items(inside):
             if section == "bays":
                 parameters[f"{start}bays.{name}"] = entry
                 continue
             for key, value in entry.items():
-                for part, each in value.items() if isinstance(value, dict) else [("", value)]:
-                    parameters[f"{start}{section}.{name}.{key}.{part}".rstrip(".")] = _flat(each)
+                parts = value.items() if isinstance(value, dict) else [("", value)]
+                for part, leaf in parts:
+                    path = f"{start}{section}.{name}.{key}.{part}"
+                    parameters[path.rstrip(".")] = _flat(leaf)
     return parameters
+
+
+def _items(section: Any) -> Iterable[tuple[Any, Any]]:
+    """Return the entries of a section with their names, or their indices in a list."""
+    return enumerate(section) if isinstance(section, list) else section.items()
 
 
 def _flat(value: Any) -> Any:
     """Return lists of points as one list; integers become floats if one number has a fraction."""
     if not isinstance(value, list):
         return value
-    numbers = [number for each in value for number in (each if isinstance(each, list) else [each])]
-    return [float(number) for number in numbers] if float in map(type, numbers) else numbers
+    numbers: list[Any] = []
+    for item in value:
+        numbers += item if isinstance(item, list) else [item]
+    if float not in map(type, numbers):
+        return numbers
+    return [float(number) for number in numbers]
 
 
 class ParameterServer:
@@ -63,26 +78,30 @@ class ParameterServer:
 
     def serve(self, backend: Any, node: str) -> list[Closable]:
         """Serve them as `node`."""
-        return [
-            backend.serve(f"{node}{LIST_SUFFIX}", self.types.kind(LIST), self.list),
-            backend.serve(f"{node}{GET_SUFFIX}", self.types.kind(GET), self.get),
-        ]
+        services = {f"{node}{LIST_SUFFIX}": (LIST, self.list), f"{node}{GET_SUFFIX}": (GET, self.get)}
+        served: list[Any] = []
+        for name, (kind, handler) in services.items():
+            served.append(backend.serve(name, self.types.kind(kind), handler))
+        return served
 
     async def list(self, request: bytes) -> bytes:
-        asked = self.types.decode(self.types.request_of(LIST), request)
-        assert (list(asked.prefixes), asked.depth) == ([], 0), "everything, however deep"
+        query = self.types.decode(self.types.request_of(LIST), request)
+        assert list(query.prefixes) == [], "everything"
+        assert query.depth == 0, "however deep"
         result = self.types.make("rcl_interfaces/msg/ListParametersResult", names=[*self.parameters])
         return self._encoded(LIST, result=result)
 
     async def get(self, request: bytes) -> bytes:
-        names: list[str] = self.types.decode(self.types.request_of(GET), request).names
+        query = self.types.decode(self.types.request_of(GET), request)
+        names: list[str] = query.names
         self.asked.append(names)
         values = [message_of(self.types, self.parameters.get(name)) for name in names]
         return self._encoded(GET, values=values)
 
     def _encoded(self, service: str, **fields: Any) -> bytes:
         response = self.types.response_of(service)
-        return self.types.encode(response, self.types.make(response, **fields))
+        message = self.types.make(response, **fields)
+        return self.types.encode(response, message)
 
 
 @dataclass
@@ -106,7 +125,8 @@ class OneNode:
     is_closed: bool = False
 
     def graph(self) -> Graph:
-        service = f"{self.name}{LIST_SUFFIX}" if self.serves else f"{self.name}/other"
+        suffix = LIST_SUFFIX if self.serves else "/other"
+        service = f"{self.name}{suffix}"
         kind = RosType(name=LIST, hash=self.hash)
         end = Endpoint(kind="server", node=self.name, name=service, type=kind, qos=None, domain=self.domain)
         return Graph(nodes=self.nodes, endpoints=frozenset({end}))

@@ -31,7 +31,7 @@ class PlayedLocalizer:
     rejects: tuple[str, ...] = ()
     """Lamps whose anchors are rejected."""
     hangs: bool = False
-    """Whether pointing comes to no end."""
+    """True if pointing comes to no end."""
     asked: list[str] = field(default_factory=list[str])
     position_m: Vec3 = (2.0, 0.5, 0.0)
     remembered_bias: models.RememberedBias | None = None
@@ -60,14 +60,17 @@ class PlayedLocalizer:
         self.asked.append(f"anchor {query.lamp}".strip())
         if lamp not in self.lamps:
             raise RefusedError(f"lamps {lamp} are not on the map")
-        self._tasks.add(asyncio.create_task(self._hold(lamp)))
+        task = asyncio.create_task(self._hold(lamp))
+        self._tasks.add(task)
         return models.Done(message=f"point at {lamp}")
 
     async def _hold(self, lamp: str) -> None:
         since_ns = time.time_ns()
         self._tell("sampling", since_ns=since_ns, target_id=lamp)
         await asyncio.sleep(3600.0 if self.hangs else 0.05)
-        reason = f"the arm wandered while {lamp} was lit" if lamp in self.rejects else ""
+        reason = ""
+        if lamp in self.rejects:
+            reason = f"the arm wandered while {lamp} was lit"
         self._anchors.put(self._anchor(lamp, reason))
         if reason:
             self._tell("refused", since_ns=since_ns, reason=reason)
@@ -77,17 +80,28 @@ class PlayedLocalizer:
         self._put_pose(math.radians(1.5), anchored_ns=time.time_ns())
 
     def _anchor(self, lamp: str, reason: str) -> models.Anchor:
-        way = vector.subtract(self.lamps[lamp], vector.add(self.position_m, EYES))
-        direction = vector.direction(
-            vector.azimuth(way) - self.true_yaw_rad, vector.elevation(way) - self.too_low_rad
-        )
+        eyes_m = vector.add(self.position_m, EYES)
+        sight = vector.subtract(self.lamps[lamp], eyes_m)
+        azimuth = vector.azimuth(sight) - self.true_yaw_rad
+        elevation = vector.elevation(sight) - self.too_low_rad
+        direction = vector.direction(azimuth, elevation)
+        spread_deg = 9.0 if reason else 0.3
         return models.Anchor(
-            stamp_ns=time.time_ns(), target_id=lamp, target_m=self.lamps[lamp], origin_m=EYES,
-            raw_direction=direction, direction=direction, spread_rad=math.radians(9.0 if reason else 0.3),
-            samples=100, position_m=self.position_m, yaw_rad=self.yaw_rad,
-            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad, elevation_error_rad=self.too_low_rad,
-            accepted=not reason, reason=reason,
-        )  # fmt: skip
+            stamp_ns=time.time_ns(),
+            target_id=lamp,
+            target_m=self.lamps[lamp],
+            origin_m=EYES,
+            raw_direction=direction,
+            direction=direction,
+            spread_rad=math.radians(spread_deg),
+            samples=100,
+            position_m=self.position_m,
+            yaw_rad=self.yaw_rad,
+            azimuth_error_rad=self.true_yaw_rad - self.yaw_rad,
+            elevation_error_rad=self.too_low_rad,
+            accepted=not reason,
+            reason=reason,
+        )
 
     async def _cancel(self, query: models.CancelLocalization, _user: str, /) -> models.Done:
         if query.forget_bias:
@@ -101,29 +115,32 @@ class PlayedLocalizer:
 
     async def _set_pose(self, query: models.SetPose, _user: str) -> models.Done:
         self.position_m = query.position_m
-        self.asked.append(f"pose {query.position_m} {math.degrees(query.yaw_rad):.1f}")
+        yaw_deg = math.degrees(query.yaw_rad)
+        self.asked.append(f"pose {query.position_m} {yaw_deg:.1f}")
         self.yaw_rad = query.yaw_rad
         self._put_pose()
         return models.Done(message="the pose is set")
 
     async def _set_heading(self, query: models.SetHeading, _user: str) -> models.Done:
-        self.asked.append(f"heading {math.degrees(query.azimuth_rad):.1f}")
+        azimuth_deg = math.degrees(query.azimuth_rad)
+        self.asked.append(f"heading {azimuth_deg:.1f}")
         return models.Done(message="the yaw is set by where you point")
 
     def _put_pose(self, sigma_rad: float = 0.0, anchored_ns: int = 0) -> None:
         known = 1.0 if sigma_rad else 0.0  # a pose that was given has no covariance
-        self._poses.put(
-            models.UserPose(
-                stamp_ns=time.time_ns(),
-                position_m=self.position_m,
-                yaw_rad=self.yaw_rad,
-                covariance=(0.01 * known, 0.0, 0.0, 0.0, 0.0025 * known, 0.0, 0.0, 0.0, sigma_rad**2),
-                yaw_rate_radps=math.radians(0.2) if anchored_ns else 0.0,
-                yaw_rate_sigma_radps=math.radians(0.1) if anchored_ns else None,
-                anchored_ns=anchored_ns,
-                remembered_bias=self.remembered_bias,
-            )
+        rate_radps = math.radians(0.2) if anchored_ns else 0.0
+        rate_sigma_radps = math.radians(0.1) if anchored_ns else None
+        pose = models.UserPose(
+            stamp_ns=time.time_ns(),
+            position_m=self.position_m,
+            yaw_rad=self.yaw_rad,
+            covariance=(0.01 * known, 0.0, 0.0, 0.0, 0.0025 * known, 0.0, 0.0, 0.0, sigma_rad**2),
+            yaw_rate_radps=rate_radps,
+            yaw_rate_sigma_radps=rate_sigma_radps,
+            anchored_ns=anchored_ns,
+            remembered_bias=self.remembered_bias,
         )
+        self._poses.put(pose)
 
     def _tell(self, phase: str, **more: object) -> None:
         fields = {"stamp_ns": time.time_ns(), "phase": phase, **more}

@@ -1,6 +1,7 @@
 """Invented people, written to files as the published recordings are; errors of pointing as told."""
 
 import csv
+import itertools
 import json
 import math
 from collections.abc import Iterable, Sequence
@@ -32,23 +33,31 @@ class Stand:
     def rays(self, targets: Array) -> Array:
         """Return the azimuths and elevations (n x 2, rad) in {H} of rays at `targets` (n x 3, {W})."""
         away = targets - (self.x, self.y, self.eyes_m)
+        level = np.hypot(away[:, 0], away[:, 1])
         azimuths = np.arctan2(away[:, 1], away[:, 0]) - math.radians(self.yaw_deg)
-        elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1])) + math.radians(self.bias_deg)
-        noise = np.random.default_rng(3).normal(0.0, math.radians(self.noise_deg), (2, len(targets)))
+        elevations = np.arctan2(away[:, 2], level) + math.radians(self.bias_deg)
+        rng = np.random.default_rng(3)
+        noise = rng.normal(0.0, math.radians(self.noise_deg), (2, len(targets)))
         return np.column_stack([azimuths + noise[0], elevations + noise[1]])
 
 
 def unit(angles: Array) -> Array:
     azimuths, elevations = angles.T
     level = np.cos(elevations)
-    return np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
+    x = level * np.cos(azimuths)
+    y = level * np.sin(azimuths)
+    return np.column_stack([x, y, np.sin(elevations)])
 
 
 def robot(duration_s: float) -> tuple[Array, Array]:
     """Return times and places of a robot that circles."""
-    times = np.arange(round(duration_s * HZ) + 1) / HZ
+    samples = round(duration_s * HZ) + 1
+    times = np.arange(samples) / HZ
     turn = times * 0.6
-    return times, np.column_stack([0.9 * np.cos(turn), 0.9 * np.sin(turn), 0.8 + 0.2 * np.sin(2.0 * turn)])
+    x = 0.9 * np.cos(turn)
+    y = 0.9 * np.sin(turn)
+    z = 0.8 + 0.2 * np.sin(2.0 * turn)
+    return times, np.column_stack([x, y, z])
 
 
 def arm_towards(rays: Array, eyes_m: float, shoulder_m: float, arm_m: float) -> Array:
@@ -57,7 +66,9 @@ def arm_towards(rays: Array, eyes_m: float, shoulder_m: float, arm_m: float) -> 
     # |(0, 0, up) + s ray| = arm
     half = rays[:, 2] * up
     reach = -half + np.sqrt(half**2 - up**2 + arm_m**2)
-    return (reach[:, None] * rays + (0.0, 0.0, up)) / arm_m
+    fingers = reach[:, None] * rays
+    arms = fingers + np.array((0.0, 0.0, up))
+    return arms / arm_m
 
 
 def write_csv(path: Path, header: str, rows: Iterable[Sequence[Any]]) -> Path:
@@ -74,34 +85,39 @@ def write_motion(
 ) -> Path:
     """Write a session; the quaternion of each `repeat`-th row is that of the row before."""
     times, places = robot(duration_s)
-    arms = arm_towards(unit(stand.rays(places)), 1.69, 1.47, 0.69)
-    # the sensor's x axis looks away from the finger
-    half_az = 0.5 * (np.arctan2(arms[:, 1], arms[:, 0]) + math.pi)
-    half_el = 0.5 * np.arcsin(-arms[:, 2])
-    ca = np.cos(half_az)
-    sa = np.sin(half_az)
-    ce = np.cos(half_el)
-    se = np.sin(half_el)
-    sensors = np.column_stack([ca * ce, sa * se, -ca * se, sa * ce])  # w, x, y, z: Rz(az) Ry(-el)
+    rays = unit(stand.rays(places))
+    sensors = _sensors(arm_towards(rays, 1.69, 1.47, 0.69))
     rows: list[list[float]] = []
-    for i, t in enumerate(times):
-        q = sensors[i - 1] if i % repeat == repeat - 1 else sensors[i]
-        rows.append([t, *q, *places[i], stand.x, stand.y, 1.82])
+    for row, time_s in enumerate(times):
+        is_repeated = row % repeat == repeat - 1
+        sensor = sensors[row - 1] if is_repeated else sensors[row]
+        rows.append([time_s, *sensor, *places[row], stand.x, stand.y, 1.82])
     folder = recordings / "motion_relloc"
     header = "t,qw,qx,qy,qz,robot_x,robot_y,robot_z,head_x,head_y,head_z"
     path = write_csv(folder / "circle.csv", header, rows)
-    entries = [
-        {
-            "file": "circle.csv",
-            "subject": subject,
-            "kind": "pointing_at_moving_drone",
-            "ref_yaw_deg_human_minus_world": -stand.yaw_deg,
-        },
-        {"file": "idle_0.csv", "subject": subject, "kind": "not_pointing_or_unlabelled"},
-        {"file": "lost.csv", "subject": subject, "kind": "pointing_at_moving_drone"},
-    ]
-    (folder / "index.json").write_text(json.dumps(entries), encoding="utf-8")
+    circle = {
+        "file": "circle.csv",
+        "subject": subject,
+        "kind": "pointing_at_moving_drone",
+        "ref_yaw_deg_human_minus_world": -stand.yaw_deg,
+    }
+    idle = {"file": "idle_0.csv", "subject": subject, "kind": "not_pointing_or_unlabelled"}
+    lost = {"file": "lost.csv", "subject": subject, "kind": "pointing_at_moving_drone"}
+    index = json.dumps([circle, idle, lost])
+    (folder / "index.json").write_text(index, encoding="utf-8")
     return path
+
+
+def _sensors(arms: Array) -> Array:
+    """Return the quaternions (n x 4; w, x, y, z) of sensors whose x axes look away from the finger."""
+    # Rz(azimuth) Ry(-elevation)
+    half_azimuth = 0.5 * (np.arctan2(arms[:, 1], arms[:, 0]) + math.pi)
+    half_elevation = 0.5 * np.arcsin(-arms[:, 2])
+    ca = np.cos(half_azimuth)
+    sa = np.sin(half_azimuth)
+    ce = np.cos(half_elevation)
+    se = np.sin(half_elevation)
+    return np.column_stack([ca * ce, sa * se, -ca * se, sa * ce])
 
 
 def write_track(
@@ -111,10 +127,12 @@ def write_track(
     times, places = robot(duration_s)
     rays = unit(stand.rays(places))
     rows: list[list[Any]] = []
-    for t, place, ray in zip(times, places, rays, strict=True):
-        hits = ray[2] < -1e-3
-        point = [*(ray[:2] * (stand.eyes_m / -ray[2]))] if hits else ["", ""]
-        rows.append([t, *point, *place, stand.x, stand.y, stand.eyes_m + 0.115])
+    for time_s, place, ray in zip(times, places, rays, strict=True):
+        point: list[Any] = ["", ""]
+        if ray[2] < -1e-3:
+            distance = stand.eyes_m / -ray[2]
+            point = [*(ray[:2] * distance)]
+        rows.append([time_s, *point, *place, stand.x, stand.y, stand.eyes_m + 0.115])
     folder = recordings / "proximity_waypoints"
     path = write_csv(folder / "track_9.csv", "t,px,py,robot_x,robot_y,robot_z,head_x,head_y,head_z", rows)
     entry = {
@@ -124,26 +142,26 @@ def write_track(
         "ref_yaw_deg_human_minus_world": -stand.yaw_deg,
     }
     flown = {"file": "session_9.csv", "subject": subject, "interface": "POINTING"}
-    (folder / "index.json").write_text(
-        json.dumps({"targets_xy": {}, "files": [flown, entry]}), encoding="utf-8"
-    )
+    index = json.dumps({"targets_xy": {}, "files": [flown, entry]})
+    (folder / "index.json").write_text(index, encoding="utf-8")
     return path
 
 
 def write_acts(recordings: Path, people: dict[str, tuple[float, Stand]], *, times: int = 2) -> Path:
     """Write acts at nine targets, `times` each; `people`: stature and stand by subject, yaw 0."""
-    targets = np.array([(x, y, z) for x in (1.5, 2.5) for y in (-1.0, 1.0) for z in (0.5, 1.0)])
+    targets = np.array([*itertools.product((1.5, 2.5), (-1.0, 1.0), (0.5, 1.0))])
     rows: list[list[Any]] = []
     for subject, (stature_m, stand) in people.items():
         factor = stature_m / ORIGINAL_STATURE_M
-        seen = Stand(x=stand.x, y=stand.y, yaw_deg=0.0, bias_deg=stand.bias_deg, eyes_m=1.64 * factor)
-        arms = arm_towards(unit(seen.rays(targets)), 1.64 * factor, 1.43 * factor, 0.73 * factor)
+        eyes_m = 1.64 * factor
+        seen = Stand(x=stand.x, y=stand.y, yaw_deg=0.0, bias_deg=stand.bias_deg, eyes_m=eyes_m)
+        arms = arm_towards(unit(seen.rays(targets)), eyes_m, 1.43 * factor, 0.73 * factor)
+        forearm = np.array([stand.x + 0.2, stand.y - 0.1, 1.3])
         for _ in range(times):
             for target, arm in zip(targets, arms, strict=True):
-                forearm = np.array([stand.x + 0.2, stand.y - 0.1, 1.3])
-                rows.append(
-                    [subject, stature_m, *target, stand.x, stand.y, 1.6, *forearm, *(forearm + 0.25 * arm)]
-                )
-    points = [f"{part}_{axis}" for part in ("target", "hmd", "forearm", "hand") for axis in "xyz"]
-    header = ",".join(["subject", "stature", *points])
-    return write_csv(recordings / "vr_arm_pointing" / "endpoints.csv", header, rows)
+                hand = forearm + 0.25 * arm
+                rows.append([subject, stature_m, *target, stand.x, stand.y, 1.6, *forearm, *hand])
+    columns = ["subject", "stature"]
+    for part in ("target", "hmd", "forearm", "hand"):
+        columns += [f"{part}_x", f"{part}_y", f"{part}_z"]
+    return write_csv(recordings / "vr_arm_pointing" / "endpoints.csv", ",".join(columns), rows)

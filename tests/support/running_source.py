@@ -22,10 +22,12 @@ class Health(NullHealth):
     def warn(self, code: str, sentence: str, subject: str = "") -> None:
         self.clear(code, subject)
         if sentence:
-            self.warnings[f"{code} {subject}".rstrip()] = sentence
+            key = f"{code} {subject}".rstrip()
+            self.warnings[key] = sentence
 
     def clear(self, code: str, subject: str = "") -> None:
-        self.warnings.pop(f"{code} {subject}".rstrip(), None)
+        key = f"{code} {subject}".rstrip()
+        self.warnings.pop(key, None)
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         del unit
@@ -54,11 +56,12 @@ async def running(plugin: ImuSource, **parameters: object) -> AsyncGenerator[Run
     """Run a source, by default at a free UDP port."""
     port = parameters.setdefault("port", free_udp_port())
     health = Health()
-    around = Surroundings(
-        clock=WallClock(), health=health, folder=Surroundings.detached().folder, user="anna"
-    )
-    source = plugin.make(plugin.config.model_validate(parameters), around)
-    found = Running(source, port if isinstance(port, int) else 0, health.warnings, health.metrics)
+    folder = Surroundings.detached().folder
+    around = Surroundings(clock=WallClock(), health=health, folder=folder, user="anna")
+    config = plugin.config.model_validate(parameters)
+    source = plugin.make(config, around)
+    udp_port = port if isinstance(port, int) else 0
+    found = Running(source, udp_port, health.warnings, health.metrics)
     task = asyncio.create_task(source.run(found.items.append))
     try:
         yield found

@@ -45,7 +45,12 @@ async def reached(publisher: Publisher[ImuSample], *sinks: Sink) -> None:
         publisher.put(imu(0))
         await asyncio.sleep(0.01)
     publisher.put(imu(1))
-    await until(lambda: all(sink.seen[-1][1] == 1 for sink in sinks))  # nothing is on its way any more
+
+    def is_quiet() -> bool:
+        # nothing is on its way any more
+        return all(sink.seen[-1][1] == 1 for sink in sinks)
+
+    await until(is_quiet)
     for sink in sinks:
         sink.seen.clear()
         sink.messages.clear()

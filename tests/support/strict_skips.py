@@ -25,9 +25,10 @@ Report = pytest.TestReport | pytest.CollectReport
 def _judged(report: Report) -> Report:
     if not report.skipped or hasattr(report, "wasxfail"):
         return report
-    said = report.longrepr
-    reason = said[2] if isinstance(said, tuple) else str(said)
-    if not any(re.search(allowed, reason) for allowed in ALLOWED):
+    details = report.longrepr
+    reason = details[2] if isinstance(details, tuple) else str(details)
+    is_allowed = any(re.search(allowed, reason) for allowed in ALLOWED)
+    if not is_allowed:
         report.outcome = "failed"
         report.longrepr = f"{reason}; that is no reason listed in tests/support/strict_skips.py"
     return report

@@ -35,12 +35,16 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add Python's stacks, what threads wait for and, where gdb is, the stacks of Zenoh's receivers."""
     report = yield
-    if call.excinfo is None or not report.failed or not _is_wait(call.excinfo.value):
+    if call.excinfo is None or not report.failed:
+        return report
+    if not _is_wait(call.excinfo.value):
         return report
     if isinstance(report.longrepr, ExceptionChainRepr):
-        stacks = ReprEntryNative(["threads of this process:\n", *_stacks().splitlines(keepends=True)])
+        lines = _stacks().splitlines(keepends=True)
+        stacks = ReprEntryNative(["threads of this process:\n", *lines])
         above = ReprTraceback([stacks], extraline=None, style="native")
-        report.longrepr = ExceptionChainRepr([(above, None, "The failure:"), *report.longrepr.chain])
+        chain = [(above, None, "The failure:"), *report.longrepr.chain]
+        report.longrepr = ExceptionChainRepr(chain)
     return report
 
 

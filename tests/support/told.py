@@ -34,7 +34,7 @@ class Told:
     def wait(self) -> None:
         """Return when it is ready, which it reports by `{}`."""
         line = self._line()
-        assert line == "{}\n", f"{self.name}: {line} {self.complaints()[-2000:]}"
+        assert line == "{}\n", f"{self.name}: {line} {self._last_words()}"
 
     def kill(self) -> None:
         self._process.kill()
@@ -43,7 +43,7 @@ class Told:
     def end(self) -> None:
         """Close its input and wait for its end."""
         self._process.communicate()
-        assert self._process.returncode == 0, f"{self.name}: {self.complaints()[-2000:]}"
+        assert self._process.returncode == 0, f"{self.name}: {self._last_words()}"
 
     @property
     def is_alive(self) -> bool:
@@ -52,6 +52,9 @@ class Told:
     def complaints(self) -> str:
         return self._said.read_text()
 
+    def _last_words(self) -> str:
+        return self.complaints()[-2000:]
+
     def ask(self, **order: Any) -> Any:
         """Send `order` and return the answer."""
         assert self._process.stdin is not None
@@ -59,9 +62,11 @@ class Told:
             self._process.stdin.write(json.dumps(order) + "\n")
             self._process.stdin.flush()
             line = self._line()
-        assert line, f"{self.name} has ended: {self.complaints()[-2000:]}"
+        assert line, f"{self.name} has ended: {self._last_words()}"
         answer = json.loads(line)
-        assert "error" not in answer, f"{self.name}: {str(order)[:500]}: {answer['error'][:300]}"
+        if "error" in answer:
+            order_text = str(order)[:500]
+            raise AssertionError(f"{self.name}: {order_text}: {answer['error'][:300]}")
         return answer["value"]
 
     async def do(self, what: str, **order: Any) -> Any:
@@ -71,10 +76,13 @@ class Told:
     async def until(self, what: str, fits: Callable[[Any], object], **order: Any) -> Any:
         """Repeat an order until the answer fits. Return that."""
         patience = Patience(PATIENCE_S)
-        while not fits(answer := await self.do(what, **order)):
+        answer = await self.do(what, **order)
+        while not fits(answer):
             late = patience.is_over()
-            assert not late, f"{self.name} {what} {order}: still {str(answer)[:500]} after {patience}"
+            last = str(answer)[:500]
+            assert not late, f"{self.name} {what} {order}: still {last} after {patience}"
             await asyncio.sleep(POLL_S)
+            answer = await self.do(what, **order)
         return answer
 
     def _line(self) -> str:

@@ -49,7 +49,8 @@ def served_info() -> Generator[int]:
 def announcement(name: str, port: int) -> AsyncServiceInfo:
     kind = f"{SERVICE}.local."
     address = socket.inet_aton("127.0.0.1")
-    return AsyncServiceInfo(kind, f"{name}.{kind}", port=port, addresses=[address], server=f"{name}.local.")
+    host = f"{name}.local."
+    return AsyncServiceInfo(kind, f"{name}.{kind}", port=port, addresses=[address], server=host)
 
 
 @dataclass
@@ -63,10 +64,14 @@ class Wled(asyncio.DatagramProtocol):
         """Take a packet; its pixels beyond the last of the controller are dropped, as WLED does."""
         packet = Packet.from_bytes(data)
         start = packet.header.offset
-        part = packet.data[: max(0, len(self.pixels) - start)]
+        room = max(0, len(self.pixels) - start)
+        part = packet.data[:room]
         self.pixels[start : start + len(part)] = part
-        if packet.header.packet_type.push and self.shown[-1:] != [bytes(self.pixels)]:
-            self.shown.append(bytes(self.pixels))
+        if not packet.header.packet_type.push:
+            return
+        shown = bytes(self.pixels)
+        if self.shown[-1:] != [shown]:
+            self.shown.append(shown)
 
 
 @asynccontextmanager

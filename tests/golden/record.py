@@ -84,7 +84,7 @@ class Record:
 
 
 def _rank(key: str) -> tuple[int, str]:
-    """Return what sorts keys in the order of the topic table."""
+    """Return the sort key of a message's key: its row in the topic table, then its name."""
     topic = topic_of(key)
     if topic is None:
         return -1, key

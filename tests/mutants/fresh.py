@@ -69,7 +69,7 @@ def of_file(file: str, seed: str) -> list[tuple[str, str]]:
 
 
 def _mistakes_by_line(file: str) -> dict[str, list[str]]:
-    """Return what mistakes make of each line of a file, in its order."""
+    """Return the mutated forms of each line of a file that can be mutated, in its order."""
     by_line = defaultdict[str, list[str]](list)
     for line, mutated in changes((ROOT / file).read_text("utf-8")):
         by_line[line].append(mutated)

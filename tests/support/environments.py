@@ -50,7 +50,7 @@ def python_of(name: str, requirements: Path, what: str, say: Callable[[str], Non
 
 
 def _problem_of(command: Sequence[str]) -> str | None:
-    """Return what a command said that failed, or None if it did not."""
+    """Run a command. Return its output if it failed, else None."""
     try:
         process = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

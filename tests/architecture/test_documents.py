@@ -93,6 +93,17 @@ def missing_symbols(text: str, path: Path) -> list[str]:
     return missing
 
 
+def cut_tables(text: str) -> list[str]:
+    """Return the rows that a blank line cuts off from the table above, and that begin no table."""
+    lines = text.splitlines()
+    cut: list[str] = []
+    for above, blank, row, below in zip(lines, lines[1:], lines[2:], [*lines[3:], ""], strict=False):
+        is_cut = above.startswith("|") and not blank and row.startswith("|")
+        if is_cut and not re.fullmatch(r"\|[\s:|-]+", below):
+            cut.append(row)
+    return cut
+
+
 def unknown_scripts(text: str) -> set[str]:
     scripts = {f"scripts/{name}" for name in re.findall(r"scripts/([\w-]*\w)", text)}
     return {script for script in scripts if not (ROOT / script).is_file()}
@@ -113,6 +124,18 @@ def test_links_paths_and_scripts_exist(path: Path) -> None:
     assert missing_links(text, path) == []
     assert (missing_paths(text), unknown_scripts(text)) == ([], set())
     assert missing_symbols(text, path) == []
+
+
+@documents
+def test_tables_have_no_blank_line(path: Path) -> None:
+    assert cut_tables(path.read_text(encoding="utf-8")) == []
+
+
+def test_row_below_a_blank_line_is_found() -> None:
+    table = "| a |\n|---|\n| 1 |\n"
+    assert cut_tables(f"{table}\n| b |\n|---|\n") == []
+    assert cut_tables(f"{table}\n| 2 |\n| 3 |\n") == ["| 2 |"]
+    assert cut_tables(f"{table}\n| 2 |") == ["| 2 |"]
 
 
 def test_missing_files_and_scripts_are_found() -> None:

@@ -53,20 +53,24 @@ class BundleState:
 
     def image(self, views: Indices, points: Array) -> tuple[Array, Array]:
         """Return images of `points` (n x 3) in `views` (n), n x 2 from the centre, and their depths, m."""
-        camera = np.einsum("nij,nj->ni", self.rotations[views], points) + self.translations[views]
+        turned = np.einsum("nij,nj->ni", self.rotations[views], points)
+        camera = turned + self.translations[views]
         return _pinhole(self.log_focal, self.distortion, camera), camera[:, 2]
 
     def moved(self, step: Array) -> "BundleState":
         """Return the state after a step of the unknowns: lens, poses, ends."""
         poses, ends = np.split(step[2:], [6 * len(self.rotations)])
         poses = poses.reshape(-1, 6)
-        turns = np.asarray(Rotation.from_rotvec(poses[:, :3]).as_matrix(), dtype=np.float64)
+        rotation = Rotation.from_rotvec(poses[:, :3])
+        turns = np.asarray(rotation.as_matrix(), dtype=np.float64)
+        focal_step = float(np.clip(step[0], -0.2, 0.2))
+        distortion_step = float(np.clip(step[1], -0.1, 0.1))
         return BundleState(
-            self.log_focal + float(np.clip(step[0], -0.2, 0.2)),
-            self.distortion + float(np.clip(step[1], -0.1, 0.1)),
-            turns @ self.rotations,
-            self.translations + poses[:, 3:],
-            self.ends + ends.reshape(-1, 2, 3),
+            log_focal=self.log_focal + focal_step,
+            distortion=self.distortion + distortion_step,
+            rotations=turns @ self.rotations,
+            translations=self.translations + poses[:, 3:],
+            ends=self.ends + ends.reshape(-1, 2, 3),
         )
 
 
@@ -96,12 +100,14 @@ class BundleProblem:
 
     def errors(self, state: BundleState) -> Array:
         """Return the reprojection error of each sighting, n x 2, image pixels."""
-        return state.image(self.view, self._points(state))[0] - self.uv
+        images, _ = state.image(self.view, self._points(state))
+        return images - self.uv
 
     def stretch(self, state: BundleState) -> Array:
         """Return the logarithm of each piece's length beside the expected one."""
-        length = np.linalg.norm(state.ends[:, 1] - state.ends[:, 0], axis=1)
-        return np.asarray(np.log(np.maximum(length, 1e-6)) - self.log_length)
+        edges = state.ends[:, 1] - state.ends[:, 0]
+        length = np.maximum(np.linalg.norm(edges, axis=1), 1e-6)
+        return np.asarray(np.log(length) - self.log_length)
 
     def solve(
         self, state: BundleState, iterations: int, loss_px: float, sigma_px: float = 1.0
@@ -113,7 +119,8 @@ class BundleProblem:
             normal, gradient = self._normal(state, loss_px, sigma_px)
             for _ in range(6):
                 damped = normal + np.diag(damping * normal.diagonal() + _LOOSE)
-                trial = state.moved(cho_solve(cho_factor(damped), -gradient))
+                step = cho_solve(cho_factor(damped), -gradient)
+                trial = state.moved(step)
                 trial_cost = self._cost(trial, loss_px, sigma_px)
                 if trial_cost < cost:
                     break
@@ -130,65 +137,72 @@ class BundleProblem:
 
     def covariance(self, state: BundleState, loss_px: float, sigma_px: float) -> Array:
         """Return the covariance of all ends, 6 p x 6 p, m², position and heading of the room free."""
-        normal = self._normal(state, loss_px, sigma_px)[0]
-        inverse = cho_solve(cho_factor(normal + _ANYWHERE * np.eye(len(normal))), np.eye(len(normal)))
-        return np.asarray(inverse[-state.ends.size :, -state.ends.size :])
+        normal, _ = self._normal(state, loss_px, sigma_px)
+        eye = np.eye(len(normal))
+        inverse = cho_solve(cho_factor(normal + _ANYWHERE * eye), eye)
+        end_part = slice(-state.ends.size, None)
+        return np.asarray(inverse[end_part, end_part])
 
     def _points(self, state: BundleState) -> Array:
         first, last = state.ends[self.piece].transpose(1, 0, 2)
-        return np.asarray(first + self.share[:, None] * (last - first))
+        from_first = self.share[:, None] * (last - first)
+        return np.asarray(first + from_first)
 
     def _cost(self, state: BundleState, loss_px: float, sigma_px: float) -> float:
         square = np.sum(self.errors(state) ** 2, axis=1) / loss_px**2
-        prior = self._prior(state)[0]
-        return float((loss_px / sigma_px) ** 2 * np.log1p(square).sum() + prior @ prior)
+        loss = (loss_px / sigma_px) ** 2 * np.log1p(square).sum()
+        prior, _ = self._prior(state)
+        return float(loss + prior @ prior)
 
     def _normal(self, state: BundleState, loss_px: float, sigma_px: float) -> tuple[Array, Array]:
         """Return the weighted normal matrix, and the gradient, of sightings and priors."""
+        # Images, and their derivatives by the point in the camera's frame and by the distortion
         points = self._points(state)
         rotations = state.rotations[self.view]
         turned = np.einsum("nij,nj->ni", rotations, points)
         camera = turned + state.translations[self.view]
         images = _pinhole(state.log_focal, state.distortion, camera)
-        by_camera = np.stack(
-            [
-                (_pinhole(state.log_focal, state.distortion, camera + _STEP * axis) - images) / _STEP
-                for axis in np.eye(3)
-            ],
-            axis=2,
-        )
-        by_distortion = (_pinhole(state.log_focal, state.distortion + _STEP, camera) - images) / _STEP
+        by_axis: list[Array] = []
+        for axis in np.eye(3):
+            stepped = _pinhole(state.log_focal, state.distortion, camera + _STEP * axis)
+            by_axis.append((stepped - images) / _STEP)
+        by_camera = np.stack(by_axis, axis=2)
+        distorted = _pinhole(state.log_focal, state.distortion + _STEP, camera)
+        by_distortion = (distorted - images) / _STEP
+
+        # The derivatives by the unknowns: lens, turn and shift of the view, both ends of the piece
         by_point = by_camera @ rotations
         share = self.share[:, None, None]
-        values = np.concatenate(
-            [
-                np.stack([images, by_distortion], axis=2),
-                np.cross(turned[:, None], by_camera),
-                by_camera,
-                by_point * (1.0 - share),
-                by_point * share,
-            ],
-            axis=2,
-        )
+        by_lens = np.stack([images, by_distortion], axis=2)
+        by_turn = np.cross(turned[:, None], by_camera)
+        by_first = by_point * (1.0 - share)
+        by_last = by_point * share
+        values = np.concatenate([by_lens, by_turn, by_camera, by_first, by_last], axis=2)
+
+        # The numbers of these unknowns
         six = np.arange(6)
-        columns = np.concatenate(
-            [
-                np.broadcast_to([0, 1], (len(points), 2)),
-                2 + 6 * self.view[:, None] + six,
-                2 + 6 * len(self.down) + 6 * self.piece[:, None] + six,
-            ],
-            axis=1,
-        )
+        first_end = 2 + 6 * len(self.down)
+        lens_columns = np.broadcast_to([0, 1], (len(points), 2))
+        pose_columns = 2 + 6 * self.view[:, None] + six
+        end_columns = first_end + 6 * self.piece[:, None] + six
+        columns = np.concatenate([lens_columns, pose_columns, end_columns], axis=1)
+
+        # Cauchy weights. Each sighting has two rows, u and v, with the same columns.
         errors = images - self.uv
-        weights = 1.0 / np.sqrt(1.0 + np.sum(errors**2, axis=1) / loss_px**2) / sigma_px
-        residuals, rows = self._prior(state)
+        square = np.sum(errors**2, axis=1) / loss_px**2
+        weights = 1.0 / np.sqrt(1.0 + square) / sigma_px
         data: Array = (values * weights[:, None, None]).ravel()
         indices: Indices = np.repeat(columns, 2, axis=0).ravel()
         width = int(columns.shape[1])
         starts: Indices = np.arange(0, len(data) + 1, width, dtype=np.intp)
-        jacobian = csr_array((data, indices, starts), shape=(2 * len(points), rows.shape[1]))
-        normal = np.asarray((jacobian.T @ jacobian).toarray() + rows.T @ rows, dtype=np.float64)
-        gradient = jacobian.T @ (errors * weights[:, None]).ravel() + rows.T @ residuals
+
+        residuals, rows = self._prior(state)
+        shape = (2 * len(points), rows.shape[1])
+        jacobian = csr_array((data, indices, starts), shape=shape)
+        sighted = (jacobian.T @ jacobian).toarray()
+        normal = np.asarray(sighted + rows.T @ rows, dtype=np.float64)
+        weighted_errors = (errors * weights[:, None]).ravel()
+        gradient = jacobian.T @ weighted_errors + rows.T @ residuals
         return normal, np.asarray(gradient, dtype=np.float64)
 
     def _prior(self, state: BundleState) -> tuple[Array, Array]:
@@ -196,38 +210,63 @@ class BundleProblem:
         views = len(self.down)
         pieces = len(state.ends)
         known = np.flatnonzero(np.isfinite(self.down[:, 0]))
-        rows = np.zeros((2 + pieces + 3 * len(known) + 3 * len(self.corners), 2 + 6 * views + 6 * pieces))
+
+        # Rows: lens, lengths, gravity, corners. Columns: lens, poses, ends.
+        first_gravity = 2 + pieces
+        first_corner = first_gravity + 3 * len(known)
+        first_end = 2 + 6 * views
+        rows = np.zeros((first_corner + 3 * len(self.corners), first_end + 6 * pieces))
         rows[0, 0] = 1.0 / FOCAL_SIGMA
         rows[1, 1] = 1.0 / DISTORTION_SIGMA
-        off = self.stretch(state) / self.length_sigma
-        edge = state.ends[:, 1] - state.ends[:, 0]
-        slope = 1.0 / np.sqrt(1.0 + (off / 3.0) ** 2) / self.length_sigma  # a strip may have another pitch
-        by_end = edge * (slope / np.maximum(np.sum(edge**2, axis=1), 1e-12))[:, None]
-        each = np.arange(pieces)[:, None]
-        rows[2 + each, 2 + 6 * (views + each) + np.arange(6)] = np.concatenate([-by_end, by_end], axis=1)
-        sunk = state.rotations[known] @ DOWN
-        x, y, z = sunk.T / GRAVITY_SIGMA
+        lens = [(state.log_focal - self.log_focal) / FOCAL_SIGMA, state.distortion / DISTORTION_SIGMA]
+
+        # Lengths, under a robust loss: a strip may have another pitch.
+        stretch = self.stretch(state) / self.length_sigma
+        edges = state.ends[:, 1] - state.ends[:, 0]
+        squares = np.maximum(np.sum(edges**2, axis=1), 1e-12)
+        slope = 1.0 / np.sqrt(1.0 + (stretch / 3.0) ** 2) / self.length_sigma
+        by_last = edges * (slope / squares)[:, None]
+        numbers = np.arange(pieces)[:, None]
+        end_columns = first_end + 6 * numbers + np.arange(6)
+        rows[2 + numbers, end_columns] = np.concatenate([-by_last, by_last], axis=1)
+        lengths = 3.0 * np.arcsinh(stretch / 3.0)
+
+        # Gravity, whose derivative by a turn is its cross product
+        down = state.rotations[known] @ DOWN
+        x, y, z = down.T / GRAVITY_SIGMA
+        gravity_rows = first_gravity + 3 * np.arange(len(known))
+        turn_columns = 2 + 6 * known
         for row, column, value in ((0, 1, z), (0, 2, -y), (1, 0, -z), (1, 2, x), (2, 0, y), (2, 1, -x)):
-            rows[2 + pieces + row + 3 * np.arange(len(known)), 2 + column + 6 * known] = value
-        directions = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-6)
+            rows[gravity_rows + row, turn_columns + column] = value
+        gravity = (down - self.down[known]) / GRAVITY_SIGMA
+
+        # Corners, without a gap across their bend: the place of a corner along the strip is free.
+        edge_lengths = np.linalg.norm(edges, axis=1, keepdims=True)
+        directions = edges / np.maximum(edge_lengths, 1e-6)
         gaps: list[Array] = []
-        for number, piece in enumerate(self.corners):  # the place of the corner along the strip is free
+        for number, piece in enumerate(self.corners):
             bend = directions[piece] - directions[piece + 1]
-            across = (np.eye(3) - np.outer(bend, bend) / max(float(bend @ bend), 1e-2)) / CORNER_SIGMA_M
-            row = len(rows) - 3 * (len(self.corners) - number)
-            begin = 2 + 6 * views + 6 * piece
-            rows[row : row + 3, begin + 3 : begin + 6] = across
-            rows[row : row + 3, begin + 6 : begin + 9] = -across
-            gaps.append(across @ (state.ends[piece, 1] - state.ends[piece + 1, 0]))
-        residuals = np.concatenate(
-            [
-                [(state.log_focal - self.log_focal) / FOCAL_SIGMA, state.distortion / DISTORTION_SIGMA],
-                3.0 * np.arcsinh(off / 3.0),
-                ((sunk - self.down[known]) / GRAVITY_SIGMA).ravel(),
-                *gaps,
-            ]
-        )
+            along_bend = np.outer(bend, bend) / max(float(bend @ bend), 1e-2)
+            across = (np.eye(3) - along_bend) / CORNER_SIGMA_M
+            row = first_corner + 3 * number
+            own_rows = slice(row, row + 3)
+            last_end = first_end + 6 * piece + 3
+            next_end = last_end + 3
+            rows[own_rows, last_end:next_end] = across
+            rows[own_rows, next_end : next_end + 3] = -across
+            gap_m = state.ends[piece, 1] - state.ends[piece + 1, 0]
+            gaps.append(across @ gap_m)
+        residuals = np.concatenate([lens, lengths, gravity.ravel(), *gaps])
         return residuals, rows
+
+
+def vertex_blocks(covariance: Array) -> list[Array]:
+    """Return the covariances of the single vertices, 3 x 3 each, of one of all, 3 v x 3 v."""
+    blocks: list[Array] = []
+    for row in range(0, len(covariance), 3):
+        part = slice(row, row + 3)
+        blocks.append(covariance[part, part])
+    return blocks
 
 
 def vec3(values: Array) -> Vec3:
@@ -237,6 +276,8 @@ def vec3(values: Array) -> Vec3:
 
 def _pinhole(log_focal: float, distortion: float, camera: Array) -> Array:
     """Return the pixels (n x 2, from the image's centre) of points in the camera's frame (n x 3)."""
-    flat = np.clip(camera[:, :2] / np.maximum(camera[:, 2:], NEAREST_M), -5.0, 5.0)
+    depth = np.maximum(camera[:, 2:], NEAREST_M)
+    flat = np.clip(camera[:, :2] / depth, -5.0, 5.0)
     square = np.minimum(np.sum(flat**2, axis=1, keepdims=True), 2.0)
-    return np.asarray(np.exp(log_focal) * flat * (1.0 + distortion * square))
+    distorted = 1.0 + distortion * square
+    return np.asarray(np.exp(log_focal) * flat * distorted)

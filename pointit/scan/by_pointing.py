@@ -38,6 +38,8 @@ START_M = 2.0
 NEAREST_M = 0.2
 MIN_SIDE_M = 0.02
 """Smallest side of a box, m."""
+NEARLY_RAD = math.radians(20.0)
+"""Angle within which a table counts as level, or a screen as upright."""
 
 
 @dataclass(frozen=True)
@@ -80,22 +82,30 @@ def pointing_of(
     target: str, person: str, place: str, rays: Sequence[PointingRay], pose: UserPose
 ) -> TargetRay:
     """Return the pointing of a person with `pose` who held `rays`, at least one, on `target`."""
-    turn = from_yaw(pose.yaw_rad)
+    # The held direction in the person's frame {H}, without the elevation bias
     mean = np.mean([ray.direction for ray in rays], axis=0)
     azimuth = math.atan2(mean[1], mean[0])
-    elevation = math.asin(mean[2] / float(np.linalg.norm(mean)))
-    elevation -= pose.elevation_bias_rad
+    sine = mean[2] / float(np.linalg.norm(mean))
+    elevation = math.asin(sine) - pose.elevation_bias_rad
     level = math.cos(elevation)
-    held: Vec3 = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
+    x = level * math.cos(azimuth)
+    y = level * math.sin(azimuth)
+    held: Vec3 = (x, y, math.sin(elevation))
+
+    # From {H} into the room, no more certain than a person's usual pose
+    turn = from_yaw(pose.yaw_rad)
+    eyes_m = rotate(turn, rays[-1].origin_m)
     covariance = pose.covariance
+    place_variance = max(covariance[0], covariance[4], PLACE_SIGMA_M**2)
+    heading_variance = max(covariance[8], HEADING_SIGMA_RAD**2)
     return TargetRay(
         target,
         person,
         place,
-        add(pose.position_m, rotate(turn, rays[-1].origin_m)),
-        normalized(rotate(turn, held)),
-        math.sqrt(max(covariance[0], covariance[4], PLACE_SIGMA_M**2)),
-        math.sqrt(max(covariance[8], HEADING_SIGMA_RAD**2)),
+        origin_m=add(pose.position_m, eyes_m),
+        direction=normalized(rotate(turn, held)),
+        place_sigma_m=math.sqrt(place_variance),
+        heading_sigma_rad=math.sqrt(heading_variance),
     )
 
 
@@ -108,9 +118,10 @@ def locate(rays: Sequence[TargetRay]) -> dict[str, PointedAt]:
     if not rays:
         raise RefusedError("nobody has pointed at anything yet")
     model = PointingModel(rays)
-    found: Any = least_squares(model.residuals, model.start())
-    covariance = np.asarray(np.linalg.pinv(found.jac.T @ found.jac), dtype=np.float64)
-    return model.targets(found.x, found.fun, covariance)
+    solution: Any = least_squares(model.residuals, model.start())
+    information = solution.jac.T @ solution.jac
+    covariance = np.asarray(np.linalg.pinv(information), dtype=np.float64)
+    return model.targets(solution.x, solution.fun, covariance)
 
 
 class PointingModel:
@@ -126,55 +137,81 @@ class PointingModel:
         """Prepare the fit of `rays`, at least one."""
         self._all = rays
         self._hold_sigma_rad = hold_sigma_rad
-        self._targets = list(dict.fromkeys(each.target for each in rays))
-        self._people = list(dict.fromkeys(each.person for each in rays))
-        self._places = {(each.person, each.place): each for each in rays}
-        keys = list(self._places)
-        base = 3 * len(self._targets)
-        self.target = np.array([3 * self._targets.index(each.target) for each in rays])
-        self.person = np.array([base + 2 * self._people.index(each.person) for each in rays])
-        base += 2 * len(self._people)
-        self.place = np.array([base + 3 * keys.index((each.person, each.place)) for each in rays])
-        self.count = base + 3 * len(keys)
-        self.origins = np.array([each.origin_m for each in rays])
-        self.directions = np.array([each.direction for each in rays])
-        sigmas = [np.full(2 * len(self._people), bias_sigma_rad)]
-        sigmas += [
-            np.array([each.place_sigma_m, each.place_sigma_m, each.heading_sigma_rad])
-            for each in self._places.values()
-        ]
-        self._prior_sigmas = np.concatenate(sigmas)
+        self._targets = list(dict.fromkeys(ray.target for ray in rays))
+        people = list(dict.fromkeys(ray.person for ray in rays))
+        places = {(ray.person, ray.place): ray for ray in rays}
+        place_keys = list(places)
+
+        # The first unknown of each ray's target, person and place
+        first_person = 3 * len(self._targets)
+        first_place = first_person + 2 * len(people)
+        target_numbers = [self._targets.index(ray.target) for ray in rays]
+        person_numbers = [people.index(ray.person) for ray in rays]
+        place_numbers = [place_keys.index((ray.person, ray.place)) for ray in rays]
+        self.target = 3 * np.array(target_numbers)
+        self.person = first_person + 2 * np.array(person_numbers)
+        self.place = first_place + 3 * np.array(place_numbers)
+        self.count = first_place + 3 * len(places)
+        self.origins = np.array([ray.origin_m for ray in rays])
+        self.directions = np.array([ray.direction for ray in rays])
+
+        # Targets have no prior. If the rays of a place differ in theirs, the last one counts.
+        prior_sigmas = [np.full(2 * len(people), bias_sigma_rad)]
+        for ray in places.values():
+            place_sigmas = [ray.place_sigma_m, ray.place_sigma_m, ray.heading_sigma_rad]
+            prior_sigmas.append(np.array(place_sigmas))
+        self._prior_sigmas = np.concatenate(prior_sigmas)
 
     def start(self) -> Array:
         """Return the points nearest to each target's rays, without errors of people and places."""
         values = np.zeros(self.count)
-        across = np.eye(3) - self.directions[:, :, None] * self.directions[:, None, :]
+        outer_products = self.directions[:, :, None] * self.directions[:, None, :]
+        across = np.eye(3) - outer_products
         for number in range(len(self._targets)):
-            own = self.target == 3 * number
-            middle = (self.origins[own] + START_M * self.directions[own]).mean(axis=0)
-            matrix = across[own].sum(axis=0) + 1e-3 * np.eye(3)
-            moment = np.einsum("nij,nj->i", across[own], self.origins[own]) + 1e-3 * middle
-            values[3 * number : 3 * number + 3] = np.linalg.solve(matrix, moment)
+            is_own = self.target == 3 * number
+            origins = self.origins[is_own]
+            usual_points = origins + START_M * self.directions[is_own]
+            middle = usual_points.mean(axis=0)
+
+            # Parallel rays have no nearest point: the middle counts a little, as a prior.
+            matrix = across[is_own].sum(axis=0) + 1e-3 * np.eye(3)
+            moment = np.einsum("nij,nj->i", across[is_own], origins)
+            moment = moment + 1e-3 * middle
+            part = slice(3 * number, 3 * number + 3)
+            values[part] = np.linalg.solve(matrix, moment)
         return values
 
     def residuals(self, values: Array) -> Array:
         """Return weighted residuals: azimuths, elevations, priors."""
+        # Angles to the targets from the estimated places
         point = values[self.target[:, None] + np.arange(3)]
         origin = self.origins.copy()
         origin[:, :2] += values[self.place[:, None] + np.arange(2)]
         x, y, z = (point - origin).T
-        measured_az = np.arctan2(self.directions[:, 1], self.directions[:, 0])
-        measured_el = np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0))
-        off_az = np.arctan2(y, x) + values[self.person] + values[self.place + 2] - measured_az
-        off_az = (off_az + np.pi) % (2 * np.pi) - np.pi
-        off_el = np.arctan2(z, np.maximum(np.hypot(x, y), NEAREST_M)) + values[self.person + 1] - measured_el
-        level = np.cos(measured_el)  # an azimuth error of a steep ray is a smaller angle
+        level_m = np.maximum(np.hypot(x, y), NEAREST_M)
+        azimuth = np.arctan2(y, x)
+        elevation = np.arctan2(z, level_m)
+
+        # Errors of the measured ones beside them, with those of the person and of the place's heading
+        direction_x, direction_y, direction_z = self.directions.T
+        measured_azimuth = np.arctan2(direction_y, direction_x)
+        measured_elevation = np.arcsin(np.clip(direction_z, -1.0, 1.0))
+        azimuth_bias = values[self.person]
+        elevation_bias = values[self.person + 1]
+        heading_error = values[self.place + 2]
+        azimuth_error = azimuth + azimuth_bias + heading_error - measured_azimuth
+        azimuth_error = (azimuth_error + np.pi) % (2 * np.pi) - np.pi
+        elevation_error = elevation + elevation_bias - measured_elevation
+
+        level = np.cos(measured_elevation)  # an azimuth error of a steep ray is a smaller angle
         sigma_rad = self._hold_sigma_rad
-        return np.concatenate([off_az * level / sigma_rad, off_el / sigma_rad, self.priors(values)])
+        across = azimuth_error * level / sigma_rad
+        return np.concatenate([across, elevation_error / sigma_rad, self.priors(values)])
 
     def priors(self, values: Array) -> Array:
         """Return the weighted residuals of the unknowns of people and places."""
-        return values[self.count - len(self._prior_sigmas) :] / self._prior_sigmas
+        first = self.count - len(self._prior_sigmas)
+        return values[first:] / self._prior_sigmas
 
     def targets(self, values: Array, residuals: Array, covariance: Array) -> dict[str, PointedAt]:
         """Return the targets with their notes."""
@@ -183,16 +220,26 @@ class PointingModel:
         for number, name in enumerate(self._targets):
             part = slice(3 * number, 3 * number + 3)
             own = np.flatnonzero(self.target == part.start)
+            places = set(self.place[own].tolist())
             position = values[part]
+            worst_variance = np.linalg.eigvalsh(covariance[part, part])[-1]
+            sigma_m = float(np.sqrt(max(worst_variance, 0.0)))
+
+            # The largest angle between two of its rays, and whether it is behind a person
             sights = position - self.origins[own]
-            sights /= np.maximum(np.linalg.norm(sights, axis=1, keepdims=True), 1e-9)
-            angle = float(np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)))
-            left = np.concatenate([residuals[own], residuals[count + own]]) * self._hold_sigma_rad
-            sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(covariance[part, part])[-1], 0.0)))
-            places = len(set(self.place[own].tolist()))
-            behind = bool(np.any(np.sum(sights * self.directions[own], axis=1) < 0))
-            reason = _reason(places, angle, float(np.sqrt(np.mean(left**2))), is_behind=behind)
-            targets[name] = PointedAt(vec3(position), sigma_m, places, reason)
+            distances = np.linalg.norm(sights, axis=1, keepdims=True)
+            sights /= np.maximum(distances, 1e-9)
+            cosines = sights @ sights.T
+            angle_rad = float(np.arccos(np.clip(cosines.min(), -1.0, 1.0)))
+            along_rays = np.sum(sights * self.directions[own], axis=1)
+            is_behind = bool(np.any(along_rays < 0))
+
+            # Residuals are all azimuths, then all elevations.
+            own_residuals = np.concatenate([residuals[own], residuals[count + own]])
+            errors_rad = own_residuals * self._hold_sigma_rad
+            rms_rad = float(np.sqrt(np.mean(errors_rad**2)))
+            reason = _reason(len(places), angle_rad, rms_rad, is_behind=is_behind)
+            targets[name] = PointedAt(vec3(position), sigma_m, len(places), reason)
         return targets
 
 
@@ -221,28 +268,39 @@ def box_of(corners: Sequence[Vec3]) -> BoxEntry:
     refusal = "these corners span no box: point at three corners of its top, and one at its foot"
     if len(points) < 4:
         raise RefusedError(refusal)
-    (ax, ay), (bx, by) = np.diff(points[:3, :2], axis=0).tolist()
-    first = math.atan2(ay, ax)
-    second = math.atan2(by, bx)
-    # both sides of the top say where it is turned to, up to right angles: the longer one counts more
-    sides = ((math.hypot(ax, ay), first), (math.hypot(bx, by), second))
-    sine = sum(length * math.sin(4.0 * angle) for length, angle in sides)
-    yaw = math.atan2(sine, sum(length * math.cos(4.0 * angle) for length, angle in sides)) / 4.0
+
+    # Both sides of the top say where it is turned to, up to right angles: the longer one counts more.
+    sine = 0.0
+    cosine = 0.0
+    sides: list[list[float]] = np.diff(points[:3, :2], axis=0).tolist()
+    for x, y in sides:
+        length = math.hypot(x, y)
+        angle = math.atan2(y, x)
+        sine += length * math.sin(4.0 * angle)
+        cosine += length * math.cos(4.0 * angle)
+    yaw = math.atan2(sine, cosine) / 4.0
+
+    # The extent of the corners in the box's frame
     turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     turned = points[:, :2] @ turn.T
-    low = np.append(turned.min(axis=0), points[:, 2].min())
-    high = np.append(turned.max(axis=0), points[:, 2].max())
-    if float((high - low).min()) < MIN_SIDE_M:
+    heights = points[:, 2]
+    low = np.append(turned.min(axis=0), heights.min())
+    high = np.append(turned.max(axis=0), heights.max())
+    size = high - low
+    if float(size.min()) < MIN_SIDE_M:
         raise RefusedError(refusal)
     centre = (low + high) / 2.0
     centre[:2] = centre[:2] @ turn
-    return BoxEntry.model_validate(
-        {
-            "center": [round(float(v), 3) for v in centre],
-            "size": [round(float(v), 3) for v in high - low],
-            "yaw_deg": round(math.degrees(yaw), 1),
-        }
-    )
+    entry = {
+        "center": _rounded(centre, digits=3),
+        "size": _rounded(size, digits=3),
+        "yaw_deg": round(math.degrees(yaw), 1),
+    }
+    return BoxEntry.model_validate(entry)
+
+
+def _rounded(values: Array, digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]
 
 
 def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
@@ -262,12 +320,19 @@ def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
     # A table is level and a screen upright, if they nearly are.
     upward = 1.0 if axes[2][2] >= 0 else -1.0
     normal = axes[2] * upward
-    if abs(normal[2]) > math.cos(math.radians(20.0)):
+    x, y, z = normal
+    if abs(z) > math.cos(NEARLY_RAD):
         normal = np.array([0.0, 0.0, 1.0])
-    elif abs(normal[2]) < math.sin(math.radians(20.0)):
-        normal = np.array([normal[0], normal[1], 0.0]) / math.hypot(normal[0], normal[1])
-    extents = [float(np.ptp(points @ np.array(axis))) for axis in plane_axes(vec3(normal))]
-    center = [round(float(coordinate), 3) for coordinate in middle]
-    rounded_normal = [round(float(coordinate), 4) for coordinate in normal]
-    size = [round(max(extent, 0.01), 3) for extent in extents]
-    return PlaneEntry.model_validate({"center": center, "normal": rounded_normal, "size": size})
+    elif abs(z) < math.sin(NEARLY_RAD):
+        normal = np.array([x, y, 0.0]) / math.hypot(x, y)
+
+    size: list[float] = []
+    for axis in plane_axes(vec3(normal)):
+        extent = float(np.ptp(points @ np.array(axis)))
+        size.append(round(max(extent, 0.01), 3))
+    entry = {
+        "center": _rounded(middle, digits=3),
+        "normal": _rounded(normal, digits=4),
+        "size": size,
+    }
+    return PlaneEntry.model_validate(entry)

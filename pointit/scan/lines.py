@@ -53,9 +53,11 @@ class ImageLine:
 
     def in_camera(self, focal_px: float, pitch_m: float, pixels: Array) -> Array:
         """Return the places of `pixels` (k) in the camera's frame, k x 3, m."""
-        points = (self.a + pixels[:, None] * self.b) / [focal_px, focal_px, 1.0]
-        step = self.b / [focal_px, focal_px, 1.0]
-        return np.asarray(points * (pitch_m / np.linalg.norm(step)))
+        focal = np.array([focal_px, focal_px, 1.0])
+        points = (self.a + pixels[:, None] * self.b) / focal
+        step = self.b / focal
+        scale = pitch_m / np.linalg.norm(step)
+        return np.asarray(points * scale)
 
 
 def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageLine]:
@@ -81,11 +83,17 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     """Return the largest set of pixels that lie on one line, or None if there are too few."""
     if len(np.unique(pixels)) < MIN_VIEWS:
         return None
-    picks = np.argsort(rng.random((TRIALS, len(pixels))), axis=1)[:, :3]
-    picks = picks[np.min(np.abs(np.diff(np.sort(pixels[picks], axis=1), axis=1)), axis=1) > 0]
+
+    # Trials, each with three different pixels
+    shuffled = np.argsort(rng.random((TRIALS, len(pixels))), axis=1)
+    picks = shuffled[:, :3]
+    numbers = np.sort(pixels[picks], axis=1)
+    is_different = np.all(np.diff(numbers, axis=1) > 0, axis=1)
+    picks = picks[is_different]
     if not len(picks):
         return None
-    # along the chord of the first and last of the three: s = (f n + g) / (h n + 1)
+
+    # Along the chord of the first and last of the three: s = (f n + g) / (h n + 1)
     order = np.argsort(pixels[picks], axis=1)
     picks = np.take_along_axis(picks, order, axis=1)
     first = uv[picks[:, 0]]
@@ -100,25 +108,30 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     if not len(picks):
         return None
     along = chord / length[:, None]
-    s = np.einsum("tkx,tx->tk", uv[picks] - first[:, None], along)
-    n = pixels[picks] / max(float(pixels.max()), 1.0)
+    from_first = uv[picks] - first[:, None]
+    s = np.einsum("tkx,tx->tk", from_first, along)
+    share = pixels / max(float(pixels.max()), 1.0)
+    n = share[picks]
     system = np.stack([n, np.ones_like(n), -n * s], axis=2)
     system += np.eye(3) * 1e-12
-    solution = np.asarray(np.linalg.solve(system, s[..., None]), dtype=np.float64)[..., 0]
-    f = solution[:, 0]
-    g = solution[:, 1]
-    h = solution[:, 2]
-    share = pixels / max(float(pixels.max()), 1.0)
-    depth = h[:, None] * share + 1.0
+    solution = np.asarray(np.linalg.solve(system, s[..., None]), dtype=np.float64)
+    f, g, h = solution.transpose(1, 0, 2)  # trials x 1 each
+
+    # The images of all pixels on the line of each trial
+    depth = h * share + 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = (f[:, None] * share + g[:, None]) / depth
+        reach = (f * share + g) / depth
         images = first[:, None] + reach[..., None] * along[:, None]
         error = np.linalg.norm(images - uv, axis=2)
+
+    # The trial with the most hits; of equal ones, that with the least errors
     extent = np.minimum(length, float(np.linalg.norm(np.ptp(uv, axis=0))))
     ends = [int(np.argmin(pixels)), int(np.argmax(pixels))]
     in_front = np.all(depth[:, ends] > 0.02, axis=1)
-    hits = (error < TOLERANCE_PX + BOW * extent[:, None]) & in_front[:, None]
-    counts = hits.sum(axis=1) - error.clip(max=10.0).sum(axis=1) / (1e3 * len(pixels))
+    tolerance = TOLERANCE_PX + BOW * extent
+    hits = (error < tolerance[:, None]) & in_front[:, None]
+    error_sum = error.clip(max=10.0).sum(axis=1)
+    counts = hits.sum(axis=1) - error_sum / (1e3 * len(pixels))
     best = hits[int(np.argmax(counts))]
     return best if len(np.unique(pixels[best])) >= MIN_VIEWS else None
 
@@ -143,16 +156,19 @@ def _refined(pixels: Array, uv: Array) -> ImageLine | None:
             part[:, 3 + axis] = weights * n
             part[:, 2] = -weights * u[:, axis]
             part[:, 5] = -weights * n * u[:, axis]
-        solution = np.linalg.svd(rows, full_matrices=False)[2][-1]
+        _, _, axes = np.linalg.svd(rows, full_matrices=False)
+        solution = axes[-1]
         depth = solution[2] + n * solution[5]
         weights = 1.0 / np.maximum(np.abs(depth), 1e-9)
     if not (np.all(depth > 0) or np.all(depth < 0)):
         return None
 
     # Back into image pixels and pixel numbers.
-    a = solution[:3] * np.sign(depth[0])
-    b = solution[3:] * np.sign(depth[0])
-    back = np.array([[scale, 0, middle[0]], [0, scale, middle[1]], [0, 0, 1.0]])
+    sign = np.sign(depth[0])
+    a = solution[:3] * sign
+    b = solution[3:] * sign
+    x, y = middle
+    back = np.array([[scale, 0, x], [0, scale, y], [0, 0, 1.0]])
     a = back @ (a - b * n0 / n_scale)
     b = back @ b / n_scale
     return ImageLine(a, b, pixels, uv)
@@ -167,12 +183,14 @@ def corners(views: Sequence[tuple[Array, Array]], count: int, rng: np.random.Gen
     searched: set[float] = set()
     while len(knots) <= MAX_PIECES:
         for low, high in pairwise(knots):
-            if low not in searched:
-                split = _split([_between(view, low, high) for view in views], rng)
-                if split is not None:
-                    knots = sorted([*knots, split])
-                    break
-                searched.add(low)
+            if low in searched:
+                continue
+            parts = [_between(view, low, high) for view in views]
+            split = _split(parts, rng)
+            if split is not None:
+                knots = sorted([*knots, split])
+                break
+            searched.add(low)
         else:
             break
     return knots[1:-1]
@@ -192,9 +210,11 @@ def _split(views: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> fl
     if straight >= STRAIGHT_SHARE * seen:
         return None
     numbers = np.unique(np.concatenate([pixels for pixels, _ in views]))
-    middles = (numbers[MIN_VIEWS - 1 : -MIN_VIEWS] + numbers[MIN_VIEWS : 1 - MIN_VIEWS]) / 2.0
+    middles = (numbers[:-1] + numbers[1:]) / 2.0
+    middles = middles[MIN_VIEWS - 1 : 1 - MIN_VIEWS]
     if len(middles) > MAX_SPLITS:
-        middles = middles[np.linspace(0, len(middles) - 1, MAX_SPLITS).astype(int)]
+        steps = np.linspace(0, len(middles) - 1, MAX_SPLITS).astype(int)
+        middles = middles[steps]
     scores: list[int] = []
     for place in middles:
         covered = 0

@@ -123,16 +123,15 @@ def locate_paced(rays: Sequence[TargetRay], walk: Walk | None = None) -> PacedRo
     """
     if not any(ray.place == FIRST for ray in rays):
         raise RefusedError("nobody has pointed at anything from the first place yet")
-    model = PacedModel(rays, walk or Walk())
+    walk = walk or Walk()
+    model = PacedModel(rays, walk)
     solution = model.fit()
     room = model.room(solution)
-    contradicting = _contradicting(rays, walk or Walk(), solution, room)
+    contradicting = _contradicting(rays, walk, solution, room)
     if contradicting:
-        target = replace(
-            room.targets[contradicting],
-            reason="the presses from the two places do not meet: was it another lamp?",
-        )
-        room.targets[contradicting] = target
+        reason = "the presses from the two places do not meet: was it another lamp?"
+        target = room.targets[contradicting]
+        room.targets[contradicting] = replace(target, reason=reason)
     return room
 
 
@@ -147,9 +146,12 @@ def _contradicting(rays: Sequence[TargetRay], walk: Walk, solution: Any, room: P
     for name in room.targets:
         others = [ray for ray in rays if ray.target != name]
         if any(ray.place == SECOND for ray in others):
-            gains[name] = 2.0 * float(solution.cost - PacedModel(others, walk).fit().cost)
-    worst = max(gains, key=gains.__getitem__, default="")
-    return worst if worst and gains[worst] > MIN_GAIN else ""
+            without = PacedModel(others, walk).fit()
+            gains[name] = 2.0 * float(solution.cost - without.cost)
+    if not gains:
+        return ""
+    worst = max(gains, key=gains.__getitem__)
+    return worst if gains[worst] > MIN_GAIN else ""
 
 
 class PacedModel(PointingModel):
@@ -172,21 +174,30 @@ class PacedModel(PointingModel):
         """Return lamps at the usual distance along their first ray, and the walk as it was asked for."""
         values = np.zeros(self.count)
         for number in range(len(self._targets)):
-            own = int(np.flatnonzero(self.target == 3 * number)[0])
-            direction = self.directions[own]
-            level = max(float(np.hypot(direction[0], direction[1])), NEAREST_M)
-            values[3 * number : 3 * number + 3] = self.origins[own] + direction * USUAL_M / level
+            first_ray = self._first_ray(number)
+            direction = self.directions[first_ray]
+            x, y, _ = direction
+            level = max(float(np.hypot(x, y)), NEAREST_M)
+            part = slice(3 * number, 3 * number + 3)
+            values[part] = self.origins[first_ray] + direction * USUAL_M / level
         if self._second is not None:
             azimuth_rad = self._walk.azimuth_rad
-            step_m = self._walk.length_m * np.array([math.cos(azimuth_rad), math.sin(azimuth_rad)])
-            values[self._second : self._second + 2] = step_m
+            walk_direction = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad)])
+            part = slice(self._second, self._second + 2)
+            values[part] = self._walk.length_m * walk_direction
         return values
+
+    def _first_ray(self, number: int) -> int:
+        """Return the index of the first ray to a target."""
+        own = np.flatnonzero(self.target == 3 * number)
+        return int(own[0])
 
     def priors(self, values: Array) -> Array:
         """Return the weighted residuals of people, of the first place, of the walk, and of distances."""
         walk = self._walk
         fixed = super().priors(values).copy()
-        distances_m = np.hypot(values[0 : self._targets_end : 3], values[1 : self._targets_end : 3])
+        points = values[: self._targets_end]
+        distances_m = np.hypot(points[0::3], points[1::3])
         usual = (distances_m - USUAL_M) / DISTANCE_SIGMA_M
         if self._second is None:
             return np.concatenate([fixed, usual])
@@ -194,51 +205,57 @@ class PacedModel(PointingModel):
         # The second place has the priors of a walk, in polar coordinates, instead of those of a known one.
         first_prior = self._second - (self.count - len(fixed))
         x, y, yaw_rad = values[self._second : self._second + 3]
-        off_azimuth_rad = math.remainder(math.atan2(y, x) - walk.azimuth_rad, math.tau)
-        fixed[first_prior] = (math.hypot(x, y) - walk.length_m) / walk.length_sigma_m
-        fixed[first_prior + 1] = off_azimuth_rad / walk.azimuth_sigma_rad
+        length_error_m = math.hypot(x, y) - walk.length_m
+        azimuth_error_rad = math.remainder(math.atan2(y, x) - walk.azimuth_rad, math.tau)
+        fixed[first_prior] = length_error_m / walk.length_sigma_m
+        fixed[first_prior + 1] = azimuth_error_rad / walk.azimuth_sigma_rad
         fixed[first_prior + 2] = yaw_rad / walk.drift_sigma_rad
         return np.concatenate([fixed, usual])
 
     def room(self, solution: Any) -> PacedRoom:
         """Return the room of a solution of `fit`."""
         values = np.asarray(solution.x, dtype=np.float64)
-        covariance = np.asarray(np.linalg.pinv(solution.jac.T @ solution.jac), dtype=np.float64)
-        second = self._second
+        residuals = np.asarray(solution.fun, dtype=np.float64)
+        information = solution.jac.T @ solution.jac
+        covariance = np.asarray(np.linalg.pinv(information), dtype=np.float64)
+
+        # Directions are judged as seen from both places, and from the middle of the walk.
         places_m: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
         shares: tuple[float, ...] = (0.0,)
-        if second is not None:
-            places_m = (*places_m, (float(values[second]), float(values[second + 1])))
+        drift_rad = 0.0
+        if self._second is not None:
+            x, y, yaw_rad = values[self._second : self._second + 3].tolist()
+            places_m = ((0.0, 0.0), (x, y))
             shares = (0.0, 1.0, 0.5)
+            drift_rad = yaw_rad
+
         targets: dict[str, PacedTarget] = {}
         for number, name in enumerate(self._targets):
             own = np.flatnonzero(self.target == 3 * number)
-            index = slice(3 * number, 3 * number + 3)
-            sigma_m = math.sqrt(max(float(np.linalg.eigvalsh(covariance[index, index])[-1]), 0.0))
-            sigmas_rad = tuple(
-                self._direction_sigma_rad(values, covariance, number, share) for share in shares
-            )
+            part = slice(3 * number, 3 * number + 3)
+            sigmas_rad: list[float] = []
+            for share in shares:
+                sigma_rad = self._direction_sigma_rad(values, covariance, number, share)
+                sigmas_rad.append(sigma_rad)
             targets[name] = PacedTarget(
-                position_m=vec3(values[index]),
-                sigma_m=sigma_m,
-                direction_sigmas_rad=sigmas_rad,
-                reason=self._reason(values, np.asarray(solution.fun, dtype=np.float64), own),
+                position_m=vec3(values[part]),
+                sigma_m=_worst_sigma(covariance[part, part]),
+                direction_sigmas_rad=tuple(sigmas_rad),
+                reason=self._reason(values, residuals, own),
             )
-        return PacedRoom(
-            targets=targets,
-            places_m=places_m,
-            drift_rad=float(values[second + 2]) if second is not None else 0.0,
-        )
+        return PacedRoom(targets=targets, places_m=places_m, drift_rad=drift_rad)
 
     def _direction_sigma_rad(self, values: Array, covariance: Array, number: int, share: float) -> float:
         """Return the standard deviation of the direction to a lamp from `share` of the walk."""
-        own = int(np.flatnonzero(self.target == 3 * number)[0])
         unknowns = [3 * number, 3 * number + 1, 3 * number + 2]
-        step_m = np.zeros(2)
+        lamp_m = values[unknowns]
+        eyes_m = self.origins[self._first_ray(number)]
+        step_m = np.zeros(3)
         if self._second is not None:
-            unknowns += [self._second, self._second + 1]
-            step_m = share * values[self._second : self._second + 2]
-        x, y, z = values[unknowns[:3]] - self.origins[own] - np.array([*step_m, 0.0])
+            place = [self._second, self._second + 1]
+            unknowns += place
+            step_m[:2] = share * values[place]
+        x, y, z = lamp_m - eyes_m - step_m
         level_m = max(math.hypot(x, y), NEAREST_M)
         range_m2 = level_m**2 + z**2
 
@@ -248,19 +265,32 @@ class PacedModel(PointingModel):
         by_lamp = np.vstack([across, upwards])
         jacobian = by_lamp
         if self._second is not None:
-            jacobian = np.hstack([by_lamp, -share * by_lamp[:, :2]])
+            by_place = -share * by_lamp[:, :2]
+            jacobian = np.hstack([by_lamp, by_place])
         own_covariance = covariance[np.ix_(unknowns, unknowns)]
-        return math.sqrt(max(float(np.linalg.eigvalsh(jacobian @ own_covariance @ jacobian.T)[-1]), 0.0))
+        return _worst_sigma(jacobian @ own_covariance @ jacobian.T)
 
     def _reason(self, values: Array, residuals: Array, own: NDArray[np.intp]) -> str:
         """Return the reason for which the presses `own` at a lamp do not fit, or `""`."""
+        places = self.place[own][:, None] + np.arange(2)
         origins = self.origins[own].copy()
-        origins[:, :2] += values[self.place[own][:, None] + np.arange(2)]
-        sights = values[self.target[own][0] : self.target[own][0] + 3] - origins
-        if bool(np.any(np.sum(sights * self.directions[own], axis=1) < 0.0)):
+        origins[:, :2] += values[places]
+        first = self.target[own[0]]
+        sights = values[first : first + 3] - origins
+        along_rays = np.sum(sights * self.directions[own], axis=1)
+        if bool(np.any(along_rays < 0.0)):
             return "the presses do not meet in front of you: was it another lamp?"
+
+        # Residuals are all azimuths, then all elevations.
         count = len(self._all)
-        misfit = math.sqrt(float(np.mean(np.concatenate([residuals[own], residuals[count + own]]) ** 2)))
+        own_residuals = np.concatenate([residuals[own], residuals[count + own]])
+        misfit = math.sqrt(float(np.mean(own_residuals**2)))
         if misfit > MAX_MISFIT:
             return "the presses do not meet: was it another lamp?"
         return ""
+
+
+def _worst_sigma(covariance: Array) -> float:
+    """Return the standard deviation in the worst direction."""
+    worst_variance = float(np.linalg.eigvalsh(covariance)[-1])
+    return math.sqrt(max(worst_variance, 0.0))

@@ -54,6 +54,8 @@ MAX_STRETCH = 0.04
 """Relative error of a pitch with which a line does not count."""
 WIDE_PX = 20.0
 NARROW_PX = 6.0
+MIN_UPWARD = np.cos(np.radians(50.0))
+"""Cosine of the largest angle between the rough direction of up and the right one."""
 FLAT = 0.15
 """Ratio of the third and second extent of points up to which they lie in a plane."""
 
@@ -98,8 +100,9 @@ class SightingArrays:
         for chain in range(len(strips)):
             pixels = np.unique(table[table[:, 1] == chain, 2])
             if len(pixels) > MAX_MARKS:
-                chosen = pixels[np.linspace(0, len(pixels) - 1, MAX_MARKS).astype(int)]
-                keep &= (table[:, 1] != chain) | np.isin(table[:, 2], chosen)
+                steps = np.linspace(0, len(pixels) - 1, MAX_MARKS).astype(int)
+                is_chosen = np.isin(table[:, 2], pixels[steps])
+                keep &= (table[:, 1] != chain) | is_chosen
         table = table[keep]
 
         downs = np.array([view.gravity or (np.nan,) * 3 for view in views], dtype=np.float64)
@@ -148,12 +151,13 @@ def candidate_poses(
     rotations, translations = _rigid_motions(room, camera, members, down)
 
     # The errors of all lines in each hypothesis; a line behind the camera is wrong.
-    points = np.einsum("hij,nkj->hnki", rotations, room) + translations[:, None, None]
+    points = np.einsum("hij,nkj->hnki", rotations, room)
+    points += translations[:, None, None]
     depth = points[..., 2:]
     projected = points[..., :2] / np.maximum(depth, 0.05)
-    error = np.linalg.norm(projected - images, axis=3).mean(axis=2)
+    distances = np.linalg.norm(projected - images, axis=3)
     is_in_front = np.min(depth[..., 0], axis=2) > 0.05
-    error = np.where(is_in_front, error, np.inf)
+    error = np.where(is_in_front, distances.mean(axis=2), np.inf)
     costs = np.minimum(error / tolerance, 1.0).sum(axis=1)
 
     # The best ones, each at a place of its own.
@@ -175,13 +179,18 @@ def _rigid_motions(room: Array, camera: Array, members: Array, down: Array | Non
     camera_mean = np.einsum("hn,nki->hi", weights, camera) / 3.0
     # sum of w (c - c0)(r - r0)' without the h x n x 3 x 3 x 3 array of differences
     products = np.einsum("nki,nkj->nij", camera, room)
-    matrix = np.einsum("hn,nij->hij", weights, products) / 3.0 - camera_mean[:, :, None] * room_mean[:, None]
+    mean_products = np.einsum("hn,nij->hij", weights, products) / 3.0
+    matrix = mean_products - camera_mean[:, :, None] * room_mean[:, None]
     if down is not None:
         matrix = matrix + GRAVITY_ARM_M**2 * np.outer(down, DOWN)
+
+    # The nearest rotation, and no reflection
     left, _, right = np.linalg.svd(matrix)
-    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    handedness = np.sign(np.linalg.det(left @ right))
+    left[:, :, 2] *= handedness[:, None]
     rotations = left @ right
-    return rotations, camera_mean - np.einsum("hij,hj->hi", rotations, room_mean)
+    turned_mean = np.einsum("hij,hj->hi", rotations, room_mean)
+    return rotations, camera_mean - turned_mean
 
 
 def levelled(directions: Array, lengths: Array, up: Array) -> Array:
@@ -194,17 +203,24 @@ def levelled(directions: Array, lengths: Array, up: Array) -> Array:
     """
     # Candidates for up: along a piece, or at right angles to two of them, not far from the rough direction.
     normals = [np.cross(a, b) for a, b in combinations(directions, 2)]
-    candidates = [vector for vector in (up, *directions, *normals) if np.linalg.norm(vector) > 0.1]
-    vectors = np.array([vector / np.linalg.norm(vector) for vector in candidates])
-    vectors *= np.where(vectors @ up < 0, -1.0, 1.0)[:, None]
-    vectors = vectors[vectors @ up > np.cos(np.radians(50.0))]
+    units: list[Array] = []
+    for vector in (up, *directions, *normals):
+        norm = np.linalg.norm(vector)
+        if norm > 0.1:  # parallel pieces have no normal
+            units.append(vector / norm)
+    vectors = np.array(units)
+    signs = np.where(vectors @ up < 0, -1.0, 1.0)
+    vectors *= signs[:, None]
+    vectors = vectors[vectors @ up > MIN_UPWARD]
 
     # The best one has the longest pieces that are level or upright, within 2° or so.
-    rise = np.clip(np.abs(np.einsum("ci,ni->cn", vectors, directions)), 0, 1)
+    cosines = np.einsum("ci,ni->cn", vectors, directions)
+    rise = np.clip(np.abs(cosines), 0, 1)
     angle = np.minimum(np.arcsin(rise), np.arccos(rise))
     fits = lengths / (1.0 + (angle / np.radians(2.0)) ** 2)
     scores = fits.sum(axis=1) + 1e-3 * (vectors @ up)
-    return upright(vectors[int(np.argmax(scores))])
+    best = int(np.argmax(scores))
+    return upright(vectors[best])
 
 
 def upright(up: Array) -> Array:
@@ -215,7 +231,8 @@ def upright(up: Array) -> Array:
         return np.diag([1.0, -1.0, -1.0])
     x, y, z = axis
     matrix = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + matrix + matrix @ matrix / (1.0 + cosine))
+    second_order = matrix @ matrix / (1.0 + cosine)
+    return np.asarray(np.eye(3) + matrix + second_order)
 
 
 @dataclass(frozen=True)
@@ -269,7 +286,7 @@ class FirstPoses:
         # The best starts grow, and the one with most views wins.
         starts.sort(key=_rank)
         grown = map(self._grown, starts[:STARTS])
-        return min(grown, key=lambda placed: (-len(placed.views), placed.cost), default=None)
+        return min(grown, key=_completeness, default=None)
 
     def _shared_weight(self, base: int, other: int) -> float:
         """Return the number of pieces that two views share; one that is small in a picture counts less."""
@@ -286,7 +303,11 @@ class FirstPoses:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
         state = BundleState(
-            float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3))
+            log_focal=float(np.log(focal_px)),
+            distortion=0.0,
+            rotations=rotation[None],
+            translations=np.zeros((1, 3)),
+            ends=np.zeros((0, 2, 3)),
         )
         return self._with_pieces(PlacedViews([base], [], state))
 
@@ -296,18 +317,23 @@ class FirstPoses:
         pieces = list(placed.pieces)
         ends = list(placed.state.ends)
         views = [self._lines[view] for view in placed.views]
-        for piece in sorted(set[Piece]().union(*views) - set(pieces)):
+        visible = set[Piece]().union(*views)
+        for piece in sorted(visible - set(pieces)):
             having = [index for index, lines in enumerate(views) if piece in lines]
             index = max(having, key=lambda index: views[index][piece].extent_px)
             line = views[index][piece]
-            in_camera = self._in_camera(state, line, piece, np.array(self._bounds[piece]))
-            ends.append((in_camera - state.translations[index]) @ state.rotations[index])
+            bounds = np.array(self._bounds[piece])
+            in_camera = self._in_camera(state, line, piece, bounds)
+            from_camera = in_camera - state.translations[index]
+            ends.append(from_camera @ state.rotations[index])
             pieces.append(piece)
         with_ends = replace(state, ends=np.array(ends).reshape(-1, 2, 3))
         return PlacedViews(placed.views, pieces, with_ends)
 
     def _in_camera(self, state: BundleState, line: ImageLine, piece: Piece, pixels: Array) -> Array:
-        return line.in_camera(float(np.exp(state.log_focal)), self._pitches_m[piece[0]], pixels)
+        strip, _ = piece
+        focal_px = float(np.exp(state.log_focal))
+        return line.in_camera(focal_px, self._pitches_m[strip], pixels)
 
     def _add(self, placed: PlacedViews, view: int) -> PlacedViews | None:
         """Return `placed` with `view` and its pieces, adjusted, or None if they do not agree."""
@@ -321,37 +347,37 @@ class FirstPoses:
             if line is None:
                 continue
             low, high = self._bounds[piece]
-            pixels: Array = np.linspace(float(line.pixels.min()), float(line.pixels.max()), 3)
+            first_pixel = float(line.pixels.min())
+            last_pixel = float(line.pixels.max())
+            pixels: Array = np.linspace(first_pixel, last_pixel, 3)
             shares = (pixels - low) / (high - low)
-            room.append(first + shares[:, None] * (last - first))
+            from_first = shares[:, None] * (last - first)
+            room.append(first + from_first)
             camera.append(self._in_camera(state, line, piece, pixels))
             images.append(line.at(pixels))
         if not room:
             return None
 
         # Gravity helps if this view and one of the placed views know it.
-        down: Array | None = self._downs[view]
-        placed_downs = self._downs[placed.views]
-        is_level = bool(np.isfinite(self._downs[view][0]) and np.isfinite(placed_downs[:, 0]).any())
+        has_gravity = np.isfinite(self._downs[:, 0])
+        is_level = bool(has_gravity[view] and has_gravity[placed.views].any())
         focal = float(np.exp(state.log_focal))
         poses = candidate_poses(
             np.array(room),
             np.array(camera),
-            np.array(images) / focal,
-            COARSE * self._side_px / focal,
-            down if is_level else None,
+            images=np.array(images) / focal,
+            tolerance=COARSE * self._side_px / focal,
+            down=self._downs[view] if is_level else None,
         )
 
         # Each pose is adjusted with its pieces, and the best is taken if it hangs together.
         placements: list[PlacedViews] = []
         for rotation, translation in poses:
-            start = replace(
-                state,
-                rotations=np.concatenate([state.rotations, rotation[None]]),
-                translations=np.concatenate([state.translations, translation[None]]),
-            )
-            placement = self._with_pieces(PlacedViews([*placed.views, view], placed.pieces, start))
-            placements.append(self._adjusted(placement))
+            rotations = np.concatenate([state.rotations, rotation[None]])
+            translations = np.concatenate([state.translations, translation[None]])
+            with_pose = replace(state, rotations=rotations, translations=translations)
+            with_view = PlacedViews([*placed.views, view], placed.pieces, with_pose)
+            placements.append(self._adjusted(self._with_pieces(with_view)))
         best = min(placements, key=_rank, default=None)
         if best is None or not self._is_tied(best):
             return None
@@ -383,8 +409,8 @@ class FirstPoses:
         coarse = bundle.solve(placed.state, 10, WIDE_PX)
         state = bundle.solve(coarse, 5, NARROW_PX)
         errors = np.linalg.norm(bundle.errors(state), axis=1)
-        stretches = np.abs(bundle.stretch(state)[bundle.piece])
-        is_good = (errors < GOOD_PX) & (stretches < MAX_STRETCH)
+        stretches = np.abs(bundle.stretch(state))
+        is_good = (errors < GOOD_PX) & (stretches[bundle.piece] < MAX_STRETCH)
 
         # A piece ties a view, views x pieces, if most of its sightings there are good, and so in another one.
         counts = np.zeros((len(placed.views), len(placed.pieces)))
@@ -397,7 +423,8 @@ class FirstPoses:
         tie_rows: list[list[bool]] = is_tie.tolist()
         ties = tuple(tuple(compress(placed.pieces, row)) for row in tie_rows)
 
-        tie_errors: Array = errors[is_tie[bundle.view, bundle.piece] & is_good]
+        is_of_tie = is_tie[bundle.view, bundle.piece]
+        tie_errors: Array = errors[is_of_tie & is_good]
         cost = float(np.mean(tie_errors**2)) if len(tie_errors) else np.inf
         return PlacedViews(placed.views, placed.pieces, state, ties, cost)
 
@@ -452,6 +479,11 @@ class FirstPoses:
 def _rank(placed: PlacedViews) -> tuple[int, float]:
     """Return the order of placements by their last view, the best first."""
     return -len(placed.ties[-1]), placed.cost
+
+
+def _completeness(placed: PlacedViews) -> tuple[int, float]:
+    """Return the order of placements by all their views, the best first."""
+    return -len(placed.views), placed.cost
 
 
 def _is_from_behind(placed: PlacedViews) -> bool:

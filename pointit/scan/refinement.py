@@ -21,6 +21,10 @@ MIN_SHARE = 0.4
 """Share of a strip's pixels in a view that have to agree, or all of them are left out of that view."""
 ANY_LENGTH_SIGMA = 1.0
 """Standard deviation of the logarithm of a piece's length if its pitch is unknown."""
+LAMP_PIECE = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Ends of the piece that stands at a lamp, beside its position, m."""
+ANY_PITCH_M = 1.0 / 60.0
+"""Expected distance from pixel to pixel if the pitch is unknown, m."""
 MIN_BEND = 0.05
 """Difference of two directions, rad, below which a strip goes on straight."""
 
@@ -39,12 +43,14 @@ class Model:
 
     def pieces(self, chains: Indices, pixels: Array) -> Indices:
         """Return the piece of each pixel of a chain, n. -1: the chain has none."""
-        found = np.full(len(chains), -1, dtype=np.intp)
+        pieces = np.full(len(chains), -1, dtype=np.intp)
         for chain in np.unique(self.chain):
             own = np.flatnonzero(self.chain == chain)
+            corners = self.bounds[own[:-1], 1]
             part = chains == chain
-            found[part] = own[np.searchsorted(self.bounds[own[:-1], 1], pixels[part])]
-        return found
+            order = np.searchsorted(corners, pixels[part])
+            pieces[part] = own[order]
+        return pieces
 
     def shares(self, pieces: Indices, pixels: Array) -> Array:
         """Return the positions of pixels between the ends of their pieces, n."""
@@ -80,13 +86,16 @@ class Refined:
     @property
     def cameras(self) -> Array:
         """Return the positions of the cameras of `state`, views x 3, m."""
-        return np.asarray(-np.einsum("vji,vj->vi", self.state.rotations, self.state.translations))
+        state = self.state
+        return np.asarray(-np.einsum("vji,vj->vi", state.rotations, state.translations))
 
     def places(self, chain: int, pixels: Array) -> Array:
         """Return the points of the room of pixels of a chain, n x 3."""
         pieces = self.model.pieces(np.full(len(pixels), chain), pixels)
+        shares = self.model.shares(pieces, pixels)
         first, last = self.state.ends[pieces].transpose(1, 0, 2)
-        return np.asarray(first + self.model.shares(pieces, pixels)[:, None] * (last - first))
+        from_first = shares[:, None] * (last - first)
+        return np.asarray(first + from_first)
 
     def vertices(self, counts: Sequence[int]) -> tuple[Array, Array, Indices]:
         """Return ends and corners of all chains, v x 3, their covariance, m², and the chain of each.
@@ -100,30 +109,34 @@ class Refined:
         blocks: list[Array] = []  # derivatives of a vertex by all ends, 3 x 2 p x 3
         for piece, chain in enumerate(model.chain.tolist()):
             is_strip = chain < len(counts)
-            edges = np.array([-0.5, counts[chain] - 0.5]) if is_strip else np.zeros(2)
-            shares = model.shares(np.array([piece, piece]), edges)
+            edges = np.zeros(2)
+            if is_strip:
+                edges = np.array([-0.5, counts[chain] - 0.5])
+            begin, end = model.shares(np.array([piece, piece]), edges)
 
             # Derivatives of its vertices by this piece's first end and those that follow.
-            derivatives: list[Array] = []
+            derivatives: list[list[Array]] = []
             if piece - 1 not in corners:
-                derivatives.append(np.array([(1.0 - shares[0]) * eye, shares[0] * eye]))
+                derivatives.append([(1.0 - begin) * eye, begin * eye])
             if piece in corners:
                 _, steps, bend = corner(self.state, model, piece)
                 if bend.any():
                     slip = np.outer(steps.mean(axis=0), bend)
-                    derivatives.append(np.array([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip]))
+                    derivatives.append([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip])
             elif is_strip:
-                derivatives.append(np.array([(1.0 - shares[1]) * eye, shares[1] * eye]))
+                derivatives.append([(1.0 - end) * eye, end * eye])
 
             for parts in derivatives:
                 block = np.zeros((3, 2 * len(model.chain), 3))
-                block[:, 2 * piece : 2 * piece + len(parts)] = parts.transpose(1, 0, 2)
+                for position, part in enumerate(parts, 2 * piece):
+                    block[:, position] = part
                 blocks.append(block.reshape(3, -1))
                 chains.append(chain)
         matrix = np.concatenate(blocks)
-        covariance = self.bundle.covariance(self.state, self.loss_px, self.noise_px)
         vertices = (matrix @ self.state.ends.ravel()).reshape(-1, 3)
-        return vertices, np.asarray(matrix @ covariance @ matrix.T), np.array(chains)
+        end_covariance = self.bundle.covariance(self.state, self.loss_px, self.noise_px)
+        covariance = matrix @ end_covariance @ matrix.T
+        return vertices, np.asarray(covariance), np.array(chains)
 
 
 def refined(
@@ -134,26 +147,37 @@ def refined(
     lines: Sequence[Mapping[Piece, ImageLine]],
 ) -> Refined:
     """Return the adjustment of all sightings from the poses of `placed`."""
+    # Sightings of what has a first position, in views that have one
     state, model = _started(seen, specs, placed, bounds, lines)
     number = np.full(len(seen.downs), -1)
     number[placed.views] = np.arange(len(placed.views))
-    candidates = np.flatnonzero((number[seen.view] >= 0) & np.isin(seen.chain, model.chain))
+    is_placed = number[seen.view] >= 0
+    has_position = np.isin(seen.chain, model.chain)
+    candidates = np.flatnonzero(is_placed & has_position)
 
     # Stated lengths of pixels, m. Without one, any length will do, and a lamp has none.
-    pitches = [spec.pitch_m if isinstance(spec, StripSpec) else None for spec in specs]
-    is_lamp = np.array([isinstance(spec, LampSpec) for spec in specs])[model.chain]
-    pitch_sigmas = np.array([PITCH_SIGMA if pitch else ANY_LENGTH_SIGMA for pitch in pitches])
-    length_sigmas = np.where(is_lamp, np.inf, pitch_sigmas[model.chain])
-    pixels_m = np.array([pitch or 1.0 / 60.0 for pitch in pitches])[model.chain]
+    pixels_m: list[float] = []
+    sigmas: list[float] = []
+    for spec in specs:
+        pitch_m = spec.pitch_m if isinstance(spec, StripSpec) else None
+        pixels_m.append(pitch_m or ANY_PITCH_M)
+        if isinstance(spec, LampSpec):
+            sigmas.append(np.inf)
+        else:
+            sigmas.append(PITCH_SIGMA if pitch_m else ANY_LENGTH_SIGMA)
+    length_sigmas = np.array(sigmas)[model.chain]
+    piece_pixels_m = np.array(pixels_m)[model.chain]
 
     def bundle_of(rows: Indices) -> BundleProblem:
-        pieces = model.pieces(seen.chain[rows], seen.pixel[rows])
+        pixels = seen.pixel[rows]
+        pieces = model.pieces(seen.chain[rows], pixels)
+        spans = model.bounds[:, 1] - model.bounds[:, 0]
         return BundleProblem(
             view=number[seen.view[rows]],
             piece=pieces,
-            share=model.shares(pieces, seen.pixel[rows]),
+            share=model.shares(pieces, pixels),
             uv=seen.uv[rows],
-            log_length=np.log(pixels_m * (model.bounds[:, 1] - model.bounds[:, 0])),
+            log_length=np.log(piece_pixels_m * spans),
             length_sigma=length_sigmas,
             down=seen.downs[placed.views],
             log_focal=seen.log_focal,
@@ -200,18 +224,20 @@ def _started(
         if piece in ends or len(indices) < 2:
             continue
         own_lines = [lines[placed.views[index]][piece] for index in indices]
-        piece_ends = _triangulated_ends(placed.state, indices, own_lines, low, high)
-        if piece_ends is not None:
-            ends[piece] = piece_ends
+        own_ends = _triangulated_ends(placed.state, indices, own_lines, low, high)
+        if own_ends is not None:
+            ends[piece] = own_ends
 
     # Lamps: a piece of any length stands at each.
     for chain, spec in enumerate(specs):
         if isinstance(spec, LampSpec):
-            rows = [row for row in np.flatnonzero(seen.chain == chain) if seen.view[row] in placed.views]
-            indices = [placed.views.index(int(seen.view[row])) for row in rows]
+            rows = np.flatnonzero(seen.chain == chain)
+            rows = rows[np.isin(seen.view[rows], placed.views)]
+            views: list[int] = seen.view[rows].tolist()
+            indices = [placed.views.index(view) for view in views]
             point = triangulated(placed.state, indices, seen.uv[rows])
             if point is not None:
-                ends[chain, 0] = point + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+                ends[chain, 0] = point + LAMP_PIECE
 
     # Of a strip whose middle was never seen, the part before it.
     pieces: list[Piece] = []
@@ -221,9 +247,10 @@ def _started(
             if last_chain == chain and last_index != index - 1:
                 continue
         pieces.append((chain, index))
+    chains = np.array([chain for chain, _ in pieces], dtype=np.intp)
     grid = np.array([bounds.get(piece, (0.0, 1.0)) for piece in pieces])
-    state = replace(placed.state, ends=np.array([ends[piece] for piece in pieces]))
-    return state, Model(np.array([chain for chain, _ in pieces], dtype=np.intp), grid)
+    piece_ends = np.array([ends[piece] for piece in pieces])
+    return replace(placed.state, ends=piece_ends), Model(chains, grid)
 
 
 def _triangulated_ends(
@@ -237,12 +264,14 @@ def _triangulated_ends(
     first_pixel = max(line.pixels.min() for line in lines)
     last_pixel = min(line.pixels.max() for line in lines)
     pixels = np.array([first_pixel, last_pixel])
-    first = triangulated(state, views, np.array([line.at(pixels)[0] for line in lines]))
-    last = triangulated(state, views, np.array([line.at(pixels)[1] for line in lines]))
+    images = np.array([line.at(pixels) for line in lines])
+    first = triangulated(state, views, images[:, 0])
+    last = triangulated(state, views, images[:, 1])
     if last_pixel <= first_pixel or first is None or last is None:
         return None
     shares = (np.array([low, high]) - first_pixel) / (last_pixel - first_pixel)
-    return np.asarray(first + shares[:, None] * (last - first))
+    from_first = shares[:, None] * (last - first)
+    return np.asarray(first + from_first)
 
 
 def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, Array]:
@@ -253,13 +282,15 @@ def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, 
         derivative of the former by the gap, 3.
     """
     both = slice(piece, piece + 2)
-    spans = (model.bounds[both, 1] - model.bounds[both, 0])[:, None]
-    steps = (state.ends[both, 1] - state.ends[both, 0]) / spans
+    spans = model.bounds[both, 1] - model.bounds[both, 0]
+    edges = state.ends[both, 1] - state.ends[both, 0]
+    steps = edges / spans[:, None]
     bend = steps[0] - steps[1]
     if np.linalg.norm(bend) < MIN_BEND * np.linalg.norm(steps[0]):
         return 0.0, steps, np.zeros(3)
     bend /= bend @ bend
-    return -float(bend @ (state.ends[piece, 1] - state.ends[piece + 1, 0])), steps, bend
+    gap = state.ends[piece, 1] - state.ends[piece + 1, 0]
+    return -float(bend @ gap), steps, bend
 
 
 def _with_corners(state: BundleState, model: Model) -> tuple[BundleState, Model]:
@@ -268,8 +299,12 @@ def _with_corners(state: BundleState, model: Model) -> tuple[BundleState, Model]
     bounds = model.bounds.copy()
     for piece in model.corners():
         later, steps, _ = corner(state, model, piece)
+        # Each piece keeps a length of one pixel.
         old_bound = bounds[piece, 1]
-        new_bound = float(np.clip(old_bound + later, bounds[piece, 0] + 1.0, bounds[piece + 1, 1] - 1.0))
+        low = bounds[piece, 0] + 1.0
+        high = bounds[piece + 1, 1] - 1.0
+        new_bound = float(np.clip(old_bound + later, low, high))
+
         # A corner moves along both pieces, each of which keeps its direction.
         shift = new_bound - old_bound
         ends[piece, 1] += shift * steps[0]
@@ -283,10 +318,12 @@ def _agreeing(seen: SightingArrays, candidates: Indices, errors: Array, limit_px
     """Return which candidates to use: within the limit, the nearest of its pixel, with its strip."""
     # Of several sightings of one pixel in a view, such as of reflections, the one with the least error.
     keys = np.column_stack([seen.view, seen.chain, seen.pixel])[candidates]
-    order = np.lexsort((errors, keys[:, 2], keys[:, 1], keys[:, 0]))
-    repeated = np.all(keys[order][1:] == keys[order][:-1], axis=1)
+    views, chains, pixels = keys.T
+    order = np.lexsort((errors, pixels, chains, views))
+    sorted_keys = keys[order]
+    is_repeated = np.all(sorted_keys[1:] == sorted_keys[:-1], axis=1)
     is_nearest = np.ones(len(candidates), dtype=bool)
-    is_nearest[order[1:][repeated]] = False
+    is_nearest[order[1:][is_repeated]] = False
     is_good = is_nearest & (errors < limit_px)
 
     # Of a strip in a view, none unless most are good.
@@ -304,11 +341,13 @@ def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array |
     """
     # Rays in the room, and the projections onto the plane across each.
     index = np.array(views, dtype=np.intp)
-    directions = np.column_stack([uv.reshape(-1, 2) / np.exp(state.log_focal), np.ones(len(index))])
+    rotations = state.rotations[index]
+    flat = uv.reshape(-1, 2) / np.exp(state.log_focal)
+    directions = np.column_stack([flat, np.ones(len(index))])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    rays = np.einsum("nji,nj->ni", state.rotations[index], directions)
+    rays = np.einsum("nji,nj->ni", rotations, directions)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-    origins = -np.einsum("nji,nj->ni", state.rotations[index], state.translations[index])
+    origins = -np.einsum("nji,nj->ni", rotations, state.translations[index])
     moments = np.einsum("nij,nj->ni", across, origins)
 
     # The point nearest to each two rays of different views; the others vote by their errors.
@@ -319,8 +358,10 @@ def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array |
         is_parallel = np.linalg.det(matrix) <= 1e-3
         if index[a] == index[b] or is_parallel:
             continue
-        point = np.asarray(np.linalg.solve(matrix, moments[a] + moments[b]), dtype=np.float64)
-        images, depths = state.image(index, np.broadcast_to(point, (len(index), 3)))
+        moment = moments[a] + moments[b]
+        point = np.asarray(np.linalg.solve(matrix, moment), dtype=np.float64)
+        copies = np.broadcast_to(point, (len(index), 3))
+        images, depths = state.image(index, copies)
         errors = np.linalg.norm(images - uv, axis=1)
         votes = np.clip(1.0 - errors / GATES_PX[0], 0.0, None)
         score = float(votes[depths > 0].sum())

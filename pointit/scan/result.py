@@ -125,7 +125,8 @@ class Scan:
         cosine = math.cos(heading_rad)
         sine = math.sin(heading_rad)
         turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        return self.moved(turn, -turn @ np.array(origin_m))
+        shift = -turn @ np.array(origin_m)
+        return self.moved(turn, shift)
 
     def moved(self, turn: Array, shift: Array) -> "Scan":
         """Return the scan with every point X at `turn` (3 x 3 rotation) X + `shift` (3)."""
@@ -144,16 +145,19 @@ class Scan:
                 cameras.append(None)
                 continue
             rotation = camera.rotation @ turn.T
-            cameras.append(Camera(rotation, camera.translation_m - rotation @ shift))
+            translation_m = camera.translation_m - rotation @ shift
+            cameras.append(Camera(rotation, translation_m))
 
         strips: dict[str, ScannedStrip] = {}
         for name, strip in self.strips.items():
             line_m = tuple(moved_point(point) for point in strip.line_m)
-            strips[name] = replace(strip, line_m=line_m, covariance=turned_covariance(strip.covariance))
+            covariance = turned_covariance(strip.covariance)
+            strips[name] = replace(strip, line_m=line_m, covariance=covariance)
         lamps: dict[str, ScannedLamp] = {}
         for name, lamp in self.lamps.items():
             position_m = moved_point(lamp.position_m)
-            lamps[name] = replace(lamp, position_m=position_m, covariance=turned_covariance(lamp.covariance))
+            covariance = turned_covariance(lamp.covariance)
+            lamps[name] = replace(lamp, position_m=position_m, covariance=covariance)
         return replace(self, cameras=tuple(cameras), strips=strips, lamps=lamps)
 
 

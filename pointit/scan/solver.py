@@ -8,7 +8,7 @@ import numpy as np
 
 from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
-from pointit.scan.bundle import GRAVITY_SIGMA, vec3
+from pointit.scan.bundle import GRAVITY_SIGMA, vec3, vertex_blocks
 from pointit.scan.lines import MIN_VIEWS, ImageLine, corners, fit_lines
 from pointit.scan.poses import PITCH_SIGMA, FirstPoses, Piece, SightingArrays, levelled, upright
 from pointit.scan.refinement import Refined, refined
@@ -49,7 +49,8 @@ def scan_of(
     vertices, covariance, chain_of = refined.vertices([strip.count for strip in strips])
     vertices = factor * vertices @ turn.T
     block = np.kron(np.eye(len(vertices)), turn)
-    covariance = factor**2 * _beside_each_other(block @ covariance @ block.T, vertices)
+    covariance = block @ covariance @ block.T
+    covariance = factor**2 * _beside_each_other(covariance, vertices)
     shift = np.array([0.0, 0.0, -vertices[:, 2].min()])
     vertices += shift
 
@@ -91,7 +92,8 @@ def scan_of(
     cameras: list[Camera | None] = [None] * len(seen.downs)
     for index, view in enumerate(refined.views):
         rotation = state.rotations[index] @ turn.T
-        cameras[view] = Camera(rotation, factor * state.translations[index] - rotation @ shift)
+        translation_m = factor * state.translations[index] - rotation @ shift
+        cameras[view] = Camera(rotation, translation_m)
     return Scan(
         cameras=tuple(cameras),
         focal_px=math.exp(state.log_focal),
@@ -115,9 +117,12 @@ def _level(refined: Refined) -> tuple[Array, float, str]:
     down = refined.bundle.down
     has_gravity = np.isfinite(down[:, 0])
     if has_gravity.any():
-        level_parts: Array = np.einsum("vij,vi->vj", state.rotations[has_gravity], down[has_gravity])[:, :2]
-        rms = max(float(np.sqrt(np.mean(level_parts**2))), GRAVITY_SIGMA / 2.0)
-        return np.eye(3), rms / math.sqrt(has_gravity.sum()), "gravity"
+        rotations = state.rotations[has_gravity]
+        room_down: Array = np.einsum("vij,vi->vj", rotations, down[has_gravity])
+        level_parts = room_down[:, :2]
+        rms = float(np.sqrt(np.mean(level_parts**2)))
+        view_sigma = max(rms, GRAVITY_SIGMA / 2.0)
+        return np.eye(3), view_sigma / math.sqrt(has_gravity.sum()), "gravity"
 
     # Without it, most strips are level or upright.
     ends = state.ends[refined.model.chain < refined.seen.strips]
@@ -142,7 +147,8 @@ def _scale(
         chain = names.index(mark.name)
         if chain not in refined.model.chain:
             raise ConfigError(f"the known length is at {mark.name!r}, which the views do not determine")
-        points.append(refined.places(chain, np.array([float(mark.pixel)]))[0])
+        pixels = np.array([float(mark.pixel)])
+        points.append(refined.places(chain, pixels)[0])
     measured_m = float(np.linalg.norm(points[1] - points[0]))
     factor = known.metres / measured_m
     if not 1.0 / MAX_RATIO < factor < MAX_RATIO:
@@ -150,7 +156,8 @@ def _scale(
             f"the known length of {known.metres:g} m is {measured_m:.3g} m by the pitches: measure it again, "
             "or correct the pitches"
         )
-    return factor, math.hypot(known.sigma_m / known.metres, 0.001), "length"
+    sigma = math.hypot(known.sigma_m / known.metres, 0.001)
+    return factor, sigma, "length"
 
 
 def _beside_each_other(covariance: Array, vertices: Array) -> Array:
@@ -174,7 +181,8 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
     result = covariance
     for _ in range(3):
         weighted = np.repeat(weights, 3)[:, None] * flat
-        shape = np.eye(len(flat)) - flat @ np.linalg.pinv(weighted.T @ flat) @ weighted.T
+        inverse = np.linalg.pinv(weighted.T @ flat)
+        shape = np.eye(len(flat)) - flat @ inverse @ weighted.T
         result = shape @ covariance @ shape.T
         spread = result.reshape(len(vertices), 3, len(vertices), 3)
         variance = np.einsum("viwi->vw", spread).diagonal()
@@ -184,8 +192,7 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
 
 def _sigma(covariance: Array, views: int) -> float:
     """Return the largest standard deviation of a vertex; few views hardly notice their outliers."""
-    blocks = [covariance[row : row + 3, row : row + 3] for row in range(0, len(covariance), 3)]
-    largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in blocks)
+    largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in vertex_blocks(covariance))
     few_views = 1.0 + 2.0 / max(views - 1, 1)
     sigma_m = math.sqrt(max(largest, 0.0) * few_views)
     return math.hypot(sigma_m, MIN_SIGMA_M)
@@ -223,22 +230,29 @@ def _unseen(refined: Refined, chain: int, count: int) -> tuple[float, float]:
     It is an end of the strip, or a straight piece.
     """
     # Its pixels in each view that shows it.
-    own = refined.used & (refined.seen.chain == chain)
-    shown = [refined.seen.pixel[own & (refined.seen.view == view)] for view in refined.views]
-    shown = [pixels for pixels in shown if len(pixels)]
+    seen = refined.seen
+    is_own = refined.used & (seen.chain == chain)
+    shown: list[Array] = []
+    for view in refined.views:
+        pixels = seen.pixel[is_own & (seen.view == view)]
+        if len(pixels):
+            shown.append(pixels)
 
     # Its ends: before the second first pixel, and behind the last but one.
     parts: list[tuple[float, float]] = []
     if len(shown) > 1:
         firsts = sorted(pixels.min() for pixels in shown)
         lasts = sorted(pixels.max() for pixels in shown)
-        parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)]
+        parts.append((0.0, float(firsts[1]) - 1.0))
+        parts.append((float(lasts[-2]) + 1.0, count - 1.0))
 
     # Its straight pieces.
-    inner: list[float] = refined.model.bounds[refined.model.chain == chain][:-1, 1].tolist()
-    for low, high in pairwise([-0.5, *inner, count - 0.5]):
+    bounds = refined.model.bounds[refined.model.chain == chain]
+    bends: list[float] = bounds[:-1, 1].tolist()
+    for low, high in pairwise([-0.5, *bends, count - 0.5]):
         counts = [((pixels > low) & (pixels < high)).sum() for pixels in shown]
-        if sum(number >= MIN_SIGHTINGS for number in counts) < 2:
+        view_count = sum(number >= MIN_SIGHTINGS for number in counts)
+        if view_count < 2:
             parts.append((low + 0.5, high - 0.5))
     return max(parts, key=lambda part: part[1] - part[0])
 
@@ -249,8 +263,8 @@ def _strip(
     """Return a strip of which `line` are the vertices. The first reason that is found is given."""
     spec = strips[chain]
     views = len(_views_of(refined, chain))
-    length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-    pitch_m = length_m / spec.count
+    edge_lengths_m = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    pitch_m = float(edge_lengths_m.sum()) / spec.count
     sigma_m = _sigma(covariance, views)
     reason = _uncertainty_reason(refined, chain, sigma_m)
     alike = [other for other in strips if _has_pitch(other, pitch_m)]
@@ -259,7 +273,8 @@ def _strip(
     # A part that was never seen makes it less certain. If it is the end, another strip may end there.
     low, high = _unseen(refined, chain, spec.count)
     if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
-        sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
+        unseen_sigma_m = UNSEEN_SIGMA * (high - low) * pitch_m
+        sigma_m = math.hypot(sigma_m, unseen_sigma_m)
         ends_there: list[StripSpec] = []
         if high == spec.count - 1.0:
             gap = WIDEST_GAP * spec.count
@@ -270,15 +285,24 @@ def _strip(
         )
 
     # Its pitch against the stated one.
-    stretches = refined.bundle.stretch(refined.state)[refined.model.chain == chain]
-    if spec.pitch_m is not None and np.abs(stretches).max() > MAX_STRETCH:
+    stretches = refined.bundle.stretch(refined.state)
+    own_stretches = stretches[refined.model.chain == chain]
+    if spec.pitch_m is not None and np.abs(own_stretches).max() > MAX_STRETCH:
+        measured = f"{1.0 / pitch_m:.0f} pixels a metre"
         reason = reason or (
-            f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
+            f"it measures {measured} and is said to have {1.0 / spec.pitch_m:.0f}: "
             f"correct its pitch{_swapped(alike)}"
         )
-    points = tuple(vec3(vertex) for vertex in line)
     return ScannedStrip(
-        spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
+        name=spec.name,
+        count=spec.count,
+        line_m=tuple(vec3(vertex) for vertex in line),
+        sigma_m=sigma_m,
+        pitch_m=pitch_m,
+        views=views,
+        identified=not reason,
+        reason=reason,
+        covariance=covariance,
     )
 
 
@@ -326,8 +350,8 @@ def solve(
     bounds: dict[Piece, tuple[float, float]] = {}
     for number, strip in enumerate(strips):
         shown = [seen.of_chain(number, view) for view in range(len(views))]
-        knots = [-0.5, *corners(shown, strip.count, rng), strip.count - 0.5]
-        for index, pair in enumerate(pairwise(knots)):
+        bends = corners(shown, strip.count, rng)
+        for index, pair in enumerate(pairwise([-0.5, *bends, strip.count - 0.5])):
             bounds[number, index] = pair
     lines = [_lines_of(seen, view, bounds, rng) for view in range(len(views))]
     if not any(lines):
@@ -336,7 +360,8 @@ def solve(
     # First poses from strips of known pitch, then the adjustment of everything.
     known_lines: list[dict[Piece, ImageLine]] = []
     for view_lines in lines:
-        known_lines.append({piece: line for piece, line in view_lines.items() if piece[0] in pitches})
+        known = {piece: line for piece, line in view_lines.items() if piece[0] in pitches}
+        known_lines.append(known)
     placed = FirstPoses(seen, known_lines, bounds, pitches).best()
     if placed is None:
         raise ScanError(
@@ -352,15 +377,19 @@ def _lines_of(
     """Return the lines of one view. If a piece is seen twice, the nearer one: a reflection is behind."""
     line_by_piece: dict[Piece, ImageLine] = {}
     for piece, (low, high) in bounds.items():
-        pixels, uv = seen.of_chain(piece[0], view)
+        chain, _ = piece
+        pixels, uv = seen.of_chain(chain, view)
         part = (pixels > low) & (pixels < high)
-        if part.sum() >= MIN_VIEWS:
-            middle = np.array([(low + high) / 2.0])
-            candidates = fit_lines(pixels[part], uv[part], rng)
-            if candidates:  # nearer for a usual focal length
-                line_by_piece[piece] = min(candidates, key=lambda line: _distance(line, middle))
+        if part.sum() < MIN_VIEWS:
+            continue
+        candidates = fit_lines(pixels[part], uv[part], rng)
+        middle = (low + high) / 2.0
+        if candidates:
+            line_by_piece[piece] = min(candidates, key=lambda line: _distance(line, middle))
     return line_by_piece
 
 
-def _distance(line: ImageLine, pixel: np.ndarray) -> float:
-    return float(np.linalg.norm(line.in_camera(1000.0, 1.0, pixel)))
+def _distance(line: ImageLine, pixel: float) -> float:
+    """Return the distance of a pixel for a usual focal length, without a scale."""
+    position = line.in_camera(focal_px=1000.0, pitch_m=1.0, pixels=np.array([pixel]))
+    return float(np.linalg.norm(position))

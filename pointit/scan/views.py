@@ -161,7 +161,7 @@ def check_survey(
     Raises:
         ConfigError: If a name is given twice or unknown, or a number is outside its limits. One sentence.
     """
-    counts = {lamp.name: 1 for lamp in lamps} | {strip.name: strip.count for strip in strips}
+    counts = _pixel_counts(strips, lamps)
     if len(counts) < len(strips) + len(lamps):
         raise ConfigError("two strips or lamps have the same name; rename one of them")
     if len(views) > MAX_VIEWS:
@@ -185,7 +185,7 @@ def check_known_length(known: KnownLength, strips: Sequence[StripSpec], lamps: S
     Raises:
         ConfigError: If it is outside its limits, or not between two different pixels. One sentence.
     """
-    counts = {lamp.name: 1 for lamp in lamps} | {strip.name: strip.count for strip in strips}
+    counts = _pixel_counts(strips, lamps)
     for mark in (known.start, known.end):
         if not 0 <= mark.pixel < counts.get(mark.name, 0):
             raise ConfigError(
@@ -197,6 +197,14 @@ def check_known_length(known: KnownLength, strips: Sequence[StripSpec], lamps: S
         )
     if not 0 < known.sigma_m <= known.metres:
         raise ConfigError(f"sigma_m of the known length: {known.sigma_m:g}; write above 0, up to its metres")
+
+
+def _pixel_counts(strips: Sequence[StripSpec], lamps: Sequence[LampSpec]) -> dict[str, int]:
+    """Return the number of pixels of each strip and lamp by name."""
+    counts = dict.fromkeys((lamp.name for lamp in lamps), 1)
+    for strip in strips:
+        counts[strip.name] = strip.count
+    return counts
 
 
 def _strip_problem(strip: StripSpec) -> str:

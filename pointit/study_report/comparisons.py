@@ -16,6 +16,9 @@ from pointit.study.table_file import OUTCOMES, SPOKEN
 from pointit.study_report.reading import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 
+Levels = tuple[str, ...]
+"""Levels of factors, in their order."""
+
 BINS = 10
 """Maximum number of groups of trials in which learning is shown."""
 
@@ -34,22 +37,21 @@ def values_of(trials: Trials, measure: str) -> list[TrialRow]:
     return rows
 
 
-def participant_medians(
-    trials: Trials, measure: str, *factors: str
-) -> dict[tuple[str, ...], dict[str, float]]:
+def participant_medians(trials: Trials, measure: str, *factors: str) -> dict[Levels, dict[str, float]]:
     """Return each participant's median of `measure`, by the levels of `factors` and the participant.
 
     Where a study has further factors, it is the mean over their levels of the medians, so that each level
     weighs the same however many trials were hit. Raises: ConfigError: If nothing is known of `measure`.
     """
     indices = [trials.index(factor) for factor in factors]
-    cells: dict[tuple[tuple[str, ...], str], dict[tuple[str, ...], list[float]]] = {}
+    cells: dict[tuple[Levels, str], dict[Levels, list[float]]] = {}
     for row in values_of(trials, measure):
         levels = tuple(row.levels[index] for index in indices)
         by_all_levels = cells.setdefault((levels, row.participant), {})
-        by_all_levels.setdefault(row.levels, []).append(row.numbers[measure])
+        own_values = by_all_levels.setdefault(row.levels, [])
+        own_values.append(row.numbers[measure])
 
-    results: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
+    results: dict[Levels, dict[str, float]] = defaultdict(dict)
     for (levels, participant), by_all_levels in cells.items():
         cell_medians = [np.median(values) for values in by_all_levels.values()]
         results[levels][participant] = float(np.mean(cell_medians))
@@ -65,7 +67,8 @@ def medians(trials: Trials, measure: str = "selection_s") -> Table:
     table = Table()
     for levels in trials.conditions:
         values = [*by_condition.get(levels, {}).values()]
-        table.append({**trials.named(levels), **summary(values, "median")})
+        columns = summary(values, "median")
+        table.append({**trials.named(levels), **columns})
     return table
 
 
@@ -79,12 +82,13 @@ def differences(trials: Trials, measure: str = "selection_s") -> Table:
     table = Table()
     for factor in trials.factors:
         by_level = participant_medians(trials, measure, factor)
+        is_within = trials.is_within(factor)
         rows: list[dict[str, Any]] = []
         for a, b in combinations(trials.levels(factor), 2):
             first = by_level.get((a,), {})
             second = by_level.get((b,), {})
             row = {"factor": factor, "difference": f"{b} - {a}"}
-            rows.append(row | _difference(first, second, is_within=trials.is_within(factor)))
+            rows.append(row | _difference(first, second, is_within=is_within))
         _holm(rows)
         table += rows
     return table
@@ -100,7 +104,9 @@ def paired_values(
     if not is_within:
         return np.array([*first.values()]), np.array([*second.values()])
     people = sorted(first.keys() & second.keys())
-    return np.array([first[name] for name in people]), np.array([second[name] for name in people])
+    first_values = [first[name] for name in people]
+    second_values = [second[name] for name in people]
+    return np.array(first_values), np.array(second_values)
 
 
 def _difference(
@@ -111,23 +117,29 @@ def _difference(
     if is_within:
         row = {"test": "paired t", "participants": len(a)}
     row |= {"mean": None, "low": None, "high": None, "p": None}
-    if a.size and b.size:
-        row["mean"] = float(b.mean() - a.mean())
+    if not a.size or not b.size:
+        return row
+    row["mean"] = float(b.mean() - a.mean())
 
     # A test needs a spread.
     if min(a.size, b.size) < 2 or _is_constant(a, b, is_within=is_within):
         return row
-    result: Any = stats.ttest_rel(b, a) if is_within else stats.ttest_ind(b, a, equal_var=False)
+    if is_within:
+        result: Any = stats.ttest_rel(b, a)
+    else:
+        result = stats.ttest_ind(b, a, equal_var=False)
     limits = result.confidence_interval(LEVEL)
-    return {**row, "low": float(limits.low), "high": float(limits.high), "p": float(result.pvalue)}
+    row["low"] = float(limits.low)
+    row["high"] = float(limits.high)
+    row["p"] = float(result.pvalue)
+    return row
 
 
 def _is_constant(a: NDArray[np.float64], b: NDArray[np.float64], *, is_within: bool) -> bool:
     """Return True if there is no spread that a test could compare with."""
-    scale = 1e-12 * max(abs(a).max(), abs(b).max(), 1e-300)
-    if is_within:
-        return bool(np.ptp(b - a) <= scale)
-    return bool(max(np.ptp(a), np.ptp(b)) <= scale)
+    largest = max(abs(a).max(), abs(b).max(), 1e-300)
+    spread = np.ptp(b - a) if is_within else max(np.ptp(a), np.ptp(b))
+    return bool(spread <= 1e-12 * largest)
 
 
 def _holm(rows: list[dict[str, Any]]) -> None:
@@ -138,7 +150,8 @@ def _holm(rows: list[dict[str, Any]]) -> None:
     tested.sort(key=lambda row: row["p"])
     largest_p = 0.0
     for index, row in enumerate(tested):
-        corrected_p = min(1.0, row["p"] * (len(tested) - index))
+        comparisons = len(tested) - index
+        corrected_p = min(1.0, row["p"] * comparisons)
         largest_p = max(largest_p, corrected_p)
         row["p_holm"] = largest_p
 
@@ -206,7 +219,8 @@ def _mean_of_means(people: Mapping[str, Iterable[TrialRow]], column: str) -> flo
     """Return the mean over participants of their means."""
     means: list[np.floating[Any]] = []
     for rows in people.values():
-        means.append(np.mean([row.numbers[column] for row in rows]))
+        own_values = [row.numbers[column] for row in rows]
+        means.append(np.mean(own_values))
     return float(np.mean(means))
 
 
@@ -218,28 +232,31 @@ def learning(trials: Trials, measure: str = "selection_s") -> Table:
     """
     # Trials of all outcomes are numbered within condition and participant.
     used_rows = {id(row) for row in values_of(trials, measure)}
-    counts: Counter[tuple[tuple[str, ...], str]] = Counter()
+    counts: Counter[tuple[Levels, str]] = Counter()
     numbered: list[tuple[TrialRow, int]] = []
     for row in trials.counted:
-        counts[row.levels, row.participant] += 1
-        numbered.append((row, counts[row.levels, row.participant]))
+        key = (row.levels, row.participant)
+        counts[key] += 1
+        numbered.append((row, counts[key]))
     max_trials = max(counts.values())
     width = math.ceil(max_trials / BINS)
 
     # The values of a group of trials, by participant.
-    cells: dict[tuple[tuple[str, ...], int], dict[str, list[float]]] = {}
+    cells: dict[tuple[Levels, int], dict[str, list[float]]] = {}
     for row, number in numbered:
         if id(row) in used_rows:
-            people = cells.setdefault((row.levels, (number - 1) // width), {})
-            people.setdefault(row.participant, []).append(row.numbers[measure])
+            group = (number - 1) // width
+            people = cells.setdefault((row.levels, group), {})
+            own_values = people.setdefault(row.participant, [])
+            own_values.append(row.numbers[measure])
 
     table = Table()
     for levels in trials.conditions:
         for group in range(math.ceil(max_trials / width)):
             people = cells.get((levels, group), {})
-            values = [float(np.median(own_values)) for own_values in people.values()]
-            if not values:
+            if not people:
                 continue
+            values = [float(np.median(own_values)) for own_values in people.values()]
             first_trial = group * width + 1
             last_trial = min((group + 1) * width, max_trials)
             columns = summary(values, "median", first_trial=first_trial, last_trial=last_trial)
@@ -279,18 +296,26 @@ def fit(values: Array, design: Array, groups: Sequence[str]) -> ModelFit:
     def solved(ratio: float) -> tuple[float, Array, Array, float]:
         """Return minus two log likelihoods, effects, the inverse of X'V⁻¹X and the residual variance."""
         weights = ratio / (1 + ratio * sizes)
-        a = products - sums.T @ (weights[:, None] * sums)
-        inverse = np.linalg.inv(a[:p, :p])
-        effects = inverse @ a[:p, p]
-        residual_sum = max(float(a[p, p] - a[:p, p] @ effects), 1e-300)
+        weighted_sums = weights[:, None] * sums
+        weighted_products = products - sums.T @ weighted_sums
+
+        # The blocks X'V⁻¹X, X'V⁻¹y and y'V⁻¹y
+        information = weighted_products[:p, :p]
+        moment = weighted_products[:p, p]
+        square = weighted_products[p, p]
+        inverse = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        effects = inverse @ moment
+        residual_sum = max(float(square - moment @ effects), 1e-300)
         variance = residual_sum / (n - p)
-        log_determinant = float(np.linalg.slogdet(a[:p, :p])[1])
+
+        _, log_determinant = np.linalg.slogdet(information)
         log_weights = float(np.sum(np.log1p(ratio * sizes)))
-        deviance = (n - p) * np.log(variance) + log_weights + log_determinant
-        return float(deviance), effects, np.asarray(inverse, dtype=np.float64), variance
+        deviance = (n - p) * np.log(variance) + log_weights + float(log_determinant)
+        return float(deviance), effects, inverse, variance
 
     def deviance_of(log_ratio: float) -> float:
-        return solved(float(np.exp(log_ratio)))[0]
+        deviance, *_ = solved(float(np.exp(log_ratio)))
+        return deviance
 
     # The logarithm never reaches a ratio of 0, people who do not differ, so this is tried beside it.
     minimum = optimize.minimize_scalar(deviance_of, bounds=(-18, 18), method="bounded")
@@ -313,7 +338,8 @@ def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
     Raises: ConfigError: If nothing is known of `measure`, there is no factor or only one participant, or
         effects cannot be told apart.
     """
-    rows = [row for row in values_of(trials, measure) if row.numbers[measure] > 0]
+    measured = values_of(trials, measure)
+    rows = [row for row in measured if row.numbers[measure] > 0]
     people = [row.participant for row in rows]
     if len(set(people)) < 2 or not trials.factors:
         raise ConfigError(f"{trials.folder}: a mixed model needs two participants and a factor")
@@ -326,7 +352,8 @@ def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
         first, *others = [level for level in trials.levels(factor) if level in present]
         for level in others:
             terms.append(f"{factor}: {level} / {first}")
-            columns.append(np.array([float(row.levels[index] == level) for row in rows]))
+            has_level = [float(row.levels[index] == level) for row in rows]
+            columns.append(np.array(has_level))
     logarithms = np.log([row.numbers[measure] for row in rows])
     model = fit(logarithms, np.column_stack(columns), people)
 
@@ -335,12 +362,14 @@ def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
     for term, effect, error in zip(terms, model.effects, model.errors, strict=True):
         p: float | None = None
         if term != terms[0]:
-            p = float(2 * stats.norm.sf(abs(effect / error)))
+            score = abs(effect / error)
+            p = float(2 * stats.norm.sf(score))
+        margin = quantile * error
         row = {
             "term": term,
             "ratio": float(np.exp(effect)),
-            "low": float(np.exp(effect - quantile * error)),
-            "high": float(np.exp(effect + quantile * error)),
+            "low": float(np.exp(effect - margin)),
+            "high": float(np.exp(effect + margin)),
             "p": p,
         }
         table.append(row)

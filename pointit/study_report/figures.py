@@ -89,7 +89,8 @@ def learning(trials: Trials, measure: str = "selection_s") -> Figure:
     by_condition = _by_condition(trials, comparisons.learning(trials, measure))
     for place, (label, rows) in enumerate(by_condition):
         colour = COLOURS[place % 7]
-        numbers = np.array([(row["first_trial"] + row["last_trial"]) / 2 for row in rows])
+        ends = np.array([[row["first_trial"], row["last_trial"]] for row in rows])
+        numbers = ends.sum(axis=1) / 2
         medians = [row["median"] for row in rows]
         axes.plot(numbers, medians, "o-", ms=4, color=colour, label=label)
         low = [row["low"] for row in rows]
@@ -116,7 +117,8 @@ def fitts(trials: Trials, index: Index = "m") -> Figure:
         label = trials.label(level for _, level in group)
         axes.plot(bits, mean_times, "o", color=colour, ms=5, label=label)
         ends = np.array([bits.min(), bits.max()])
-        axes.plot(ends, row["intercept_s"] + row["slope_s_per_bit"] * ends, color=colour)
+        seconds = row["intercept_s"] + row["slope_s_per_bit"] * ends
+        axes.plot(ends, seconds, color=colour)
     axes.set_ylim(bottom=0)
     unit = " of Kopper et al." if index == "kopper" else ", bit"
     axes.set_xlabel(f"index of difficulty{unit}")

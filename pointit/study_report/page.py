@@ -62,11 +62,12 @@ class Section:
 def sections(trials: Trials) -> Iterator[Section]:
     """Yield the sections of the report of `trials`. Tasks and measures without data are left out."""
     for measure in filter(trials.has, MEASURES):
+        title = MEASURES[measure]
         about = ABOUT["errors" if measure.startswith("error") else "hits"]
-        yield Section(capital(MEASURES[measure]), about, _both("medians", measure))
+        yield Section(capital(title), about, _both("medians", measure))
         if trials.factors:
             about = ABOUT["differences"]
-            yield Section(f"Differences: {MEASURES[measure]}", about, _both("differences", measure))
+            yield Section(f"Differences: {title}", about, _both("differences", measure))
     yield Section("Outcomes", ABOUT["outcomes"], _both("outcomes"))
     if trials.has(SPOKEN[0]):
         yield Section("Spoken names", ABOUT["names"], (ReportStep(comparisons.names),))
@@ -96,7 +97,9 @@ def _tapping_steps(unit: str, *indices: str) -> tuple[ReportStep, ...]:
 
 def _both(name: str, *arguments: str) -> tuple[ReportStep, ReportStep]:
     """Return a figure and its table."""
-    return ReportStep(getattr(figures, name), arguments), ReportStep(getattr(comparisons, name), arguments)
+    figure = ReportStep(getattr(figures, name), arguments)
+    table = ReportStep(getattr(comparisons, name), arguments)
+    return figure, table
 
 
 def capital(text: str) -> str:
@@ -110,10 +113,12 @@ def report(trials: Trials, folder: str, tell: Callable[[str], object] = lambda _
     `folder` is the study's, as seen from the notebook's. `tell` is called with the title of each section.
     """
     parts = [_head(trials)]
-    cells = [_cell("markdown", f"# {trials.title}"), _cell("code", SETUP.format(folder=folder))]
+    cells = [_cell("markdown", f"# {trials.title}")]
+    cells.append(_cell("code", SETUP.format(folder=folder)))
     for place, section in enumerate(sections(trials)):
         tell(section.title)
-        parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
+        title = escape(section.title)
+        parts.append(f'<h2>{title}</h2><p class="about">{escape(section.about)}</p>')
         cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
         # What the study has no data for is a sentence, once, and no step.
         missing = dict[str, None]()
@@ -152,11 +157,12 @@ def notes_of(trials: Trials) -> list[str]:
 
 def _head(trials: Trials) -> str:
     count = len(trials.participants)
-    facts = f"{count} participant{'s' * (count != 1)}, {len(trials.counted)} trials"
-    facts += f" in {len(trials.conditions)} conditions"
+    people = "1 participant" if count == 1 else f"{count} participants"
+    facts = f"{people}, {len(trials.counted)} trials in {len(trials.conditions)} conditions"
     for factor in trials.factors:
         kind = "within" if trials.is_within(factor) else "between"
-        facts += f"; factor {factor} ({kind} participants): {', '.join(trials.levels(factor))}"
+        levels = ", ".join(trials.levels(factor))
+        facts += f"; factor {factor} ({kind} participants): {levels}"
     notes = notes_of(trials)
     if count == 1:
         notes.append("One participant: there are no intervals over participants and no tests.")
@@ -182,5 +188,6 @@ def _shown(result: Any, name: str, title: str) -> str:
 
 
 def _cell(kind: str, text: str) -> dict[str, Any]:
-    cell: dict[str, Any] = {"cell_type": kind, "metadata": {}, "source": text.splitlines(keepends=True)}
+    lines = text.splitlines(keepends=True)
+    cell: dict[str, Any] = {"cell_type": kind, "metadata": {}, "source": lines}
     return cell if kind == "markdown" else {**cell, "execution_count": None, "outputs": []}

@@ -52,9 +52,9 @@ def spread(trials: Trials, factor: str, first: str, second: str, measure: str = 
 
     by_level = participant_medians(trials, measure, factor)
     is_within = trials.is_within(factor)
-    first_values, second_values = paired_values(
-        by_level.get((first,), {}), by_level.get((second,), {}), is_within=is_within
-    )
+    first_people = by_level.get((first,), {})
+    second_people = by_level.get((second,), {})
+    first_values, second_values = paired_values(first_people, second_people, is_within=is_within)
     count = min(len(first_values), len(second_values))
     if count < 4:
         raise ConfigError(
@@ -74,7 +74,8 @@ def spread(trials: Trials, factor: str, first: str, second: str, measure: str = 
 def _centred(values: Array) -> Array:
     """Return values less their mean, scaled to the variance of the population."""
     count = len(values)
-    return np.asarray((values - values.mean()) * np.sqrt(count / (count - 1)))
+    unbiased = np.sqrt(count / (count - 1))
+    return np.asarray((values - values.mean()) * unbiased)
 
 
 def significant(people: Spread, effect: float, count: int, runs: int, random: np.random.Generator) -> int:
@@ -92,16 +93,22 @@ def significant(people: Spread, effect: float, count: int, runs: int, random: np
         freedom = count - 1
     else:
         # Welch's t-test, with its degrees of freedom.
-        first = people.first[random.integers(len(people.first), size=(runs, count))]
-        second = people.second[random.integers(len(people.second), size=(runs, count))]
+        shape = (runs, count)
+        first = people.first[random.integers(len(people.first), size=shape)]
+        second = people.second[random.integers(len(people.second), size=shape)]
         mean = second.mean(axis=1) - first.mean(axis=1)
-        variances = np.array([first.var(axis=1, ddof=1), second.var(axis=1, ddof=1)]) / count
+        first_variance = first.var(axis=1, ddof=1)
+        second_variance = second.var(axis=1, ddof=1)
+        variances = np.array([first_variance, second_variance]) / count
         variance = variances.sum(axis=0)
-        freedom = (count - 1) * variance**2 / np.maximum((variances**2).sum(axis=0), 1e-300)
+        square_sum = np.maximum((variances**2).sum(axis=0), 1e-300)
+        freedom = (count - 1) * variance**2 / square_sum
 
     # Without a spread, as if a small study draws one participant only, nothing is found.
     has_spread = variance > 0
-    score = np.divide(np.abs(mean + effect), np.sqrt(variance), out=np.zeros(runs), where=has_spread)
+    distance = np.abs(mean + effect)
+    deviation = np.sqrt(variance)
+    score = np.divide(distance, deviation, out=np.zeros(runs), where=has_spread)
     p = 2 * stats.t.sf(score, np.maximum(freedom, 1))
     return int(np.sum(p < ALPHA))
 

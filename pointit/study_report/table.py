@@ -61,7 +61,8 @@ def interval(values: ArrayLike, statistic: Statistic = np.median) -> tuple[float
     array = np.asarray(values, dtype=np.float64)
     if len(array) < 2:
         return None, None
-    return percentile_interval(statistic(array[resample_indices(len(array))], axis=1))
+    resampled = array[resample_indices(len(array))]
+    return percentile_interval(statistic(resampled, axis=1))
 
 
 def summary(
@@ -75,7 +76,8 @@ def summary(
 
 def percentile_interval(resampled: NDArray[np.float64]) -> tuple[float, float]:
     """Return the quantiles of resampled statistics between which `LEVEL` of them are."""
-    low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    limits = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+    low, high = np.quantile(resampled, limits)
     return float(low), float(high)
 
 
@@ -109,9 +111,10 @@ def questionnaires(trials: Trials) -> Table:
     # A sheet is what a participant filled in once: numbers by item.
     sheets: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
     for row in trials.answers:
-        if NUMBER.fullmatch(row["value"]):
-            key = tuple(row[name] for name in ("questionnaire", "condition", "block", "participant"))
-            sheets[key][row["item"]] = float(row["value"])
+        value = row["value"]
+        if NUMBER.fullmatch(value):
+            key = (row["questionnaire"], row["condition"], row["block"], row["participant"])
+            sheets[key][row["item"]] = float(value)
     if not sheets:
         raise ConfigError(f"{trials.folder}: no answer to a questionnaire that is a number")
 

@@ -28,6 +28,10 @@ from pointit.study_report.table import Table, percentile_interval, resample_indi
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]
 """Index of difficulty: log2(D / W + 1) of metres or degrees, or that of Kopper et al. (2010) of degrees."""
+Size = tuple[float, float]
+"""Distance and width, m."""
+Limits = tuple[float | None, float | None]
+"""Ends of an interval. None if there is none."""
 Group = tuple[tuple[str, str], ...]
 """Levels by factor, without the factors that set the distance or the width, of which difficulty is made."""
 
@@ -51,7 +55,7 @@ class Movement(NamedTuple):
     """Along that line, positive beyond the target. NaN if nothing was selected."""
     before_m: float
     """Error with which the trial before ended, along its own line. NaN if not known."""
-    size_m: tuple[float, float] = (0.0, 0.0)
+    size_m: Size = (0.0, 0.0)
     """Distance and width, where those that are nearly equal are the same."""
     group: Group = ()
 
@@ -64,13 +68,17 @@ def movements(trials: Trials) -> list[Movement]:
     # Sizes that are nearly equal become one: targets are built by hand.
     distances = _merged([movement.distance_m for movement in measured])
     widths = _merged([movement.trial.numbers["target_width_m"] for movement in measured])
-    sizes: list[tuple[float, float]] = []
+    sizes: list[Size] = []
     for movement in measured:
-        width_m = movement.trial.numbers["target_width_m"]
-        sizes.append((distances[movement.distance_m], widths[width_m]))
+        distance_m = distances[movement.distance_m]
+        width_m = widths[movement.trial.numbers["target_width_m"]]
+        sizes.append((distance_m, width_m))
 
     # A factor that sets the size is no condition: its levels are points of one regression.
-    factors = [factor for factor in trials.factors if not _sets_size(trials.index(factor), measured, sizes)]
+    factors: list[str] = []
+    for factor in trials.factors:
+        if not _sets_size(trials.index(factor), measured, sizes):
+            factors.append(factor)
     results: list[Movement] = []
     for movement, size in zip(measured, sizes, strict=True):
         group = _group_of(trials, movement.trial, factors)
@@ -85,8 +93,9 @@ def _measured_movements(rows: Sequence[TrialRow]) -> list[Movement]:
     for start, row in itertools.pairwise(rows):
         previous_error_m = error_m
         error_m = np.nan
-        is_next = (start.participant, start.block) == (row.participant, row.block)
-        if not is_next or not _has_numbers(start, TARGET) or not _has_numbers(row, TARGET):
+        if (start.participant, start.block) != (row.participant, row.block):
+            continue
+        if not _has_numbers(start, TARGET) or not _has_numbers(row, TARGET):
             continue
         target = _point(row, TARGET)
         line = target - _point(start, TARGET)
@@ -95,7 +104,8 @@ def _measured_movements(rows: Sequence[TrialRow]) -> list[Movement]:
         if not has_size:
             continue
         if _has_numbers(row, SELECTED):
-            error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
+            selection_error = _point(row, SELECTED) - target
+            error_m = float(selection_error @ line) / distance_m
         results.append(Movement(row, distance_m, error_m, previous_error_m))
     return results
 
@@ -104,12 +114,13 @@ def _group_of(trials: Trials, row: TrialRow, factors: Iterable[str]) -> Group:
     return tuple((factor, row.levels[trials.index(factor)]) for factor in factors)
 
 
-def _sets_size(factor: int, all_movements: Sequence[Movement], sizes: Sequence[tuple[float, float]]) -> bool:
+def _sets_size(factor: int, all_movements: Sequence[Movement], sizes: Sequence[Size]) -> bool:
     """Return True if each level of a factor has one distance of its own, or one width."""
     for part in (0, 1):
         by_level: dict[str, set[float]] = defaultdict(set)
         for movement, size in zip(all_movements, sizes, strict=True):
-            by_level[movement.trial.levels[factor]].add(size[part])
+            level = movement.trial.levels[factor]
+            by_level[level].add(size[part])
         values = set[float]().union(*by_level.values())
         has_one_each = all(len(own_values) == 1 for own_values in by_level.values())
         if has_one_each and 1 < len(by_level) == len(values):
@@ -129,9 +140,10 @@ def _merged(values: Sequence[float]) -> dict[float, float]:
     """Return the mean of the group of each value. Ratios within a group are at most `MAX_SIZE_RATIO`."""
     groups: list[list[float]] = []
     for value in sorted(set(values)):
-        if not groups or value > groups[-1][0] * MAX_SIZE_RATIO:
-            groups.append([])
-        groups[-1].append(value)
+        if groups and value <= groups[-1][0] * MAX_SIZE_RATIO:
+            groups[-1].append(value)
+        else:
+            groups.append([value])
     means: dict[float, float] = {}
     for group in groups:
         mean = sum(group) / len(group)
@@ -213,11 +225,12 @@ def fitts_points(trials: Trials, index: Index = "m") -> dict[Group, FittsPoints]
     """Return the points of the regression of each condition that has three indices of difficulty."""
     # Hits by condition and size; for an index of angles, those whose angles are known.
     needed = () if index == "m" else ANGLES
-    hits: dict[Group, dict[tuple[float, float], list[TrialRow]]] = defaultdict(lambda: defaultdict(list))
+    hits: dict[Group, dict[Size, list[TrialRow]]] = {}
     for movement in movements(trials):
         trial = movement.trial
         if trial.outcome == "hit" and _has_numbers(trial, needed):
-            hits[movement.group][movement.size_m].append(trial)
+            by_size = hits.setdefault(movement.group, defaultdict(list))
+            by_size[movement.size_m].append(trial)
 
     # A regression needs three difficulties.
     difficulties: dict[Group, Array] = {}
@@ -239,16 +252,19 @@ def fitts_points(trials: Trials, index: Index = "m") -> dict[Group, FittsPoints]
         for name in sorted(people):
             if all(name in complete[own_group] for own_group in own_groups[name]):
                 used_times.append(people[name])
-        points = np.array(used_times, dtype=np.float64).reshape(-1, len(hits[group]))
+        size_count = len(hits[group])
+        points = np.array(used_times, dtype=np.float64).reshape(-1, size_count)
         left_out = len(people) - len(used_times)
         points_by_group[group] = FittsPoints(difficulties[group], points, left_out)
     return points_by_group
 
 
-def _times(sizes: Mapping[tuple[float, float], Sequence[TrialRow]]) -> dict[str, list[float | None]]:
+def _times(sizes: Mapping[Size, Sequence[TrialRow]]) -> dict[str, list[float | None]]:
     """Return each participant's mean time for each of the sorted `sizes`, s, None if they have no hit."""
-    all_rows = [row for rows in sizes.values() for row in rows]
-    times: dict[str, list[float | None]] = {row.participant: [] for row in all_rows}
+    times: dict[str, list[float | None]] = {}
+    for rows in sizes.values():
+        for row in rows:
+            times[row.participant] = []
     for size in sorted(sizes):
         own_times: dict[str, list[float]] = defaultdict(list)
         for row in sizes[size]:
@@ -259,7 +275,7 @@ def _times(sizes: Mapping[tuple[float, float], Sequence[TrialRow]]) -> dict[str,
     return times
 
 
-def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: Index) -> Array:
+def _difficulty(sizes: Mapping[Size, Sequence[TrialRow]], index: Index) -> Array:
     """Return the index of difficulty of each of the sorted `sizes`, in degrees of their trials' means."""
     if index == "m":
         distance, width = np.array(sorted(sizes)).T
@@ -287,8 +303,8 @@ def fitts(trials: Trials, index: Index = "m") -> Table:
         fit = stats.linregress(difficulty, times.mean(axis=0))
 
         # The least-squares line of each resampled group of participants, all at once.
-        intercept_limits: tuple[float | None, float | None] = (None, None)
-        slope_limits: tuple[float | None, float | None] = (None, None)
+        intercept_limits: Limits = (None, None)
+        slope_limits: Limits = (None, None)
         if len(times) > 1:
             resampled = times[resample_indices(len(times))].mean(axis=1)
             centred = difficulty - difficulty.mean()
@@ -370,15 +386,19 @@ def sequences(trials: Trials, unit: Unit = "m") -> Sequences:
     dwell. Errors in degrees are those in metres, at the distance of the target.
     """
     all_movements = movements(trials)
-    factors = [name for name, _ in all_movements[0].group] if all_movements else []
+    factors: list[str] = []
+    if all_movements:
+        factors = [name for name, _ in all_movements[0].group]
     trial_groups = [_group_of(trials, row, factors) for row in trials.counted]
 
     by_key: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
     for movement in all_movements:
         trial = movement.trial
-        by_key[trial.participant, trial.block, trial.levels, movement.size_m].append(movement)
+        key = (trial.participant, trial.block, trial.levels, movement.size_m)
+        by_key[key].append(movement)
     all_sequences = [_sequence(own_movements, unit) for own_movements in by_key.values()]
     valid = [sequence for sequence in all_sequences if sequence.effective is not None]
+    short = [sequence for sequence in all_sequences if sequence.effective is None]
 
     # Conditions are compared over the same participants and sizes.
     own_groups = groups_of_participants(trials, [sequence.group for sequence in valid])
@@ -399,7 +419,7 @@ def sequences(trials: Trials, unit: Unit = "m") -> Sequences:
         groups=tuple(groups),
         used=used,
         unmatched=unmatched,
-        short=[sequence for sequence in all_sequences if sequence.effective is None],
+        short=short,
         trials=Counter(trial_groups),
         movements=movement_counts,
     )
@@ -413,20 +433,21 @@ def _sequence(own_movements: Sequence[Movement], unit: Unit) -> TapSequence:
     needed = ("selection_s", f"target_distance_{unit}", f"target_width_{unit}")
     measured: list[Movement] = []
     for movement in own_movements:
-        has_selection = movement.trial.outcome in ("hit", "wrong") and not np.isnan(movement.error_m)
-        if has_selection and _has_numbers(movement.trial, needed):
+        if movement.trial.outcome not in ("hit", "wrong") or np.isnan(movement.error_m):
+            continue
+        if _has_numbers(movement.trial, needed):
             measured.append(movement)
 
-    lengths = np.array([length_in(movement, unit) for movement in measured]).reshape(-1, 3)
-    distance, error, before = lengths.T
+    lengths = [length_in(movement, unit) for movement in measured]
+    distance, error, before = np.array(lengths).reshape(-1, 3).T
     is_gross = np.abs(error) > distance / 2
     error[is_gross] = np.nan
 
     # A few selections, or all at one place, have no effective width.
     result: Effective | None = None
     if np.sum(~is_gross) >= MIN_SEQUENCE_TRIALS and np.nanstd(error) > 0:
-        seconds = np.array([movement.trial.numbers["selection_s"] for movement in measured])
-        result = effective(distance, error, before, seconds)
+        seconds = [movement.trial.numbers["selection_s"] for movement in measured]
+        result = effective(distance, error, before, np.array(seconds))
     first = own_movements[0]
     return TapSequence(
         group=first.group,
@@ -463,11 +484,14 @@ def throughput(trials: Trials, unit: Unit = "m") -> Table:
         for sequence in own:
             result = sequence.effective
             if result is not None:
-                people[sequence.participant].append((result.throughput, result.bits, *result))
+                values = (result.throughput, result.bits, *result)
+                people[sequence.participant].append(values)
 
         # Means of the sequences of each participant, then over participants.
-        means = np.array([np.mean(values, axis=0) for values in people.values()]).reshape(-1, 5)
-        columns = summary(means[:, 0].tolist(), "throughput_bit_per_s", np.mean, sequences=len(own))
+        own_means = [np.mean(own_values, axis=0) for own_values in people.values()]
+        means = np.array(own_means).reshape(-1, 5)
+        throughputs: list[float] = means[:, 0].tolist()
+        columns = summary(throughputs, "throughput_bit_per_s", np.mean, sequences=len(own))
         mean: list[float | None] = [None] * len(names)
         if len(means):
             mean = means.mean(axis=0)[1:].tolist()

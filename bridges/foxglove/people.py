@@ -117,10 +117,8 @@ def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedE
     if rim is not None:
         lines.append(shapes.line(rim.tolist(), rgb, kind="loop"))
     head = shapes.sphere(stance.eyes_m, HEAD_M, rgb)
-    above = shapes.above(stance.eyes_m, 0.3)
-    label = shapes.label(user, above, rgb)
-    samples = str(pose.samples)
-    facts = {"user": user, "located by": pose.method, "samples": samples}
+    label = shapes.label(user, shapes.above(stance.eyes_m, 0.3), rgb)
+    facts = {"user": user, "located by": pose.method, "samples": str(pose.samples)}
     return shapes.entity(
         f"person {user}",
         now_ns,
@@ -159,9 +157,8 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
         entities.append(entity)
     if point_m is not None:
         on = cursor.solid or cursor.surface
-        miss_m = f"{cursor.miss_m:.3f}"
         place = f"{on} {cursor.surface_id}"
-        facts = {"user": user, "on": place, "miss_m": miss_m}
+        facts = {"user": user, "on": place, "miss_m": f"{cursor.miss_m:.3f}"}
         ball = shapes.sphere(point_m, CURSOR_M, rgb)
         entity = shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
         entities.append(entity)
@@ -170,8 +167,7 @@ def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEnt
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:
     foot = shapes.above(goal.position_m, GOAL_ABOVE_M)
-    heading = vector.direction(goal.yaw_rad, 0.0)
-    step = vector.scale(heading, GOAL_M)
+    step = vector.scale(vector.direction(goal.yaw_rad, 0.0), GOAL_M)
     arrow = shapes.arrow(foot, step, rgb, width_m=0.05)
     above = shapes.above(foot, 0.4)
     label = shapes.label(f"goal of {user}", above, rgb)

@@ -201,7 +201,8 @@ def _plane(plane: Plane) -> dict[str, object]:
     corners: list[Vec3] = []
     for sign_u, sign_v in ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)):
         offset_u = vector.scale(across, sign_u)
-        offset = vector.add(offset_u, vector.scale(up, sign_v))
+        offset_v = vector.scale(up, sign_v)
+        offset = vector.add(offset_u, offset_v)
         corners.append(vector.add(plane.center_m, offset))
     places = np.array(corners)
     triangles = (0, 1, 2, 0, 2, 3)
@@ -263,8 +264,7 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
         facts = {"kind": "lamp", "id": lamp.id, "color": color}
         shown: Rgb = (max(red, OFF), max(green, OFF), max(blue, OFF))
         ball = shapes.sphere(lamp.position_m, LAMP_M, shown)
-        above = shapes.above(lamp.position_m, ABOVE_M)
-        label = shapes.label(lamp.id, above)
+        label = shapes.label(lamp.id, shapes.above(lamp.position_m, ABOVE_M))
         name = f"lamp {lamp.id}"
         entity = shapes.entity(name, now_ns, facts=facts, spheres=[ball], texts=[label])
         entities.append(entity)
@@ -288,8 +288,7 @@ def bays(
         line, _ = lines.belts[bay.belt]
         end_m = line.point_at(line.length_m)
         text = "\n".join(rows)
-        above = shapes.above(end_m, 2.0 * ABOVE_M)
-        label = shapes.label(text, above)
+        label = shapes.label(text, shapes.above(end_m, 2.0 * ABOVE_M))
         facts = {"kind": "bay", "id": bay.id, "belt": bay.belt}
         entity = shapes.entity(f"bay {bay.id}", now_ns, facts=facts, texts=[label])
         entities.append(entity)

@@ -43,6 +43,7 @@ _LINES = {
     "loop": LinePrimitiveLineType.LineLoop,
     "list": LinePrimitiveLineType.LineList,
 }
+_ORIGIN: Vec3 = (0.0, 0.0, 0.0)
 _Z_TO_X = rotation.from_axis_angle((0.0, 1.0, 0.0), np.pi / 2.0)
 _HEAD_M = 0.14
 _HEAD_WIDTH_M = 0.06
@@ -94,10 +95,9 @@ def line(
     alpha: float = 1.0,
 ) -> LinePrimitive:
     """Return a line, `pixels` of the screen thick."""
-    at_origin = pose((0.0, 0.0, 0.0))
     return LinePrimitive(
         type=_LINES[kind],
-        pose=at_origin,
+        pose=pose(_ORIGIN),
         thickness=pixels,
         scale_invariant=True,
         points=points(places_m),
@@ -107,10 +107,9 @@ def line(
 
 def surface(places_m: Places, indices: Sequence[int], rgb: Rgb, alpha: float = 1.0) -> TriangleListPrimitive:
     """Return triangles between `places_m`, three of `indices` each."""
-    at_origin = pose((0.0, 0.0, 0.0))
     corners = points(places_m.tolist())
     return TriangleListPrimitive(
-        pose=at_origin,
+        pose=pose(_ORIGIN),
         points=corners,
         color=color(rgb, alpha),
         indices=list(indices),
@@ -216,8 +215,7 @@ def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) ->
 
 def towards(step: Vec3) -> rotation.Quaternion:
     """Return the rotation whose x axis is along `step`, and whose y axis is level."""
-    azimuth = vector.azimuth(step)
-    return rotation.from_azimuth_elevation(azimuth, vector.elevation(step))
+    return rotation.from_azimuth_elevation(vector.azimuth(step), vector.elevation(step))
 
 
 def above(place_m: Vec3, height_m: float) -> Vec3:

@@ -1,6 +1,6 @@
 """Parts of commands that optional rooms bring: options of `pointit run`, its view, checks of people."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -54,6 +54,38 @@ class RunAddition:
     """Factories of further observers of each scenario of the run."""
     moves_wrists: bool = False
     """People may point with it, so that each gets an imu-bridge."""
+
+
+def joined_addition(additions: Iterable[RunAddition]) -> RunAddition:
+    """Return all `additions` to a run as one, in their order."""
+    beside: list[Beside] = []
+    services: list[str] = []
+    site_services: list[str] = []
+    settings: list[str] = []
+    notes: list[str] = []
+    closing_notes: list[str] = []
+    watchers: list[MakeWatcher] = []
+    moves_wrists = False
+    for addition in additions:
+        beside += addition.beside
+        services += addition.services
+        site_services += addition.site_services
+        settings += addition.settings
+        notes += addition.notes
+        watchers += addition.watchers
+        moves_wrists = moves_wrists or addition.moves_wrists
+        if addition.closing_note:
+            closing_notes.append(addition.closing_note)
+    return RunAddition(
+        beside=beside,
+        services=services,
+        site_services=site_services,
+        settings=settings,
+        notes=notes,
+        closing_note=" ".join(closing_notes),
+        watchers=watchers,
+        moves_wrists=moves_wrists,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,8 @@ def read_cloud(path: Path, entry: CloudEntry) -> Points:
     lowest = points.min(axis=0)
 
     # Into {W}. Rotations by quarters are rounded, so that coordinates stay exact.
-    up_rotation = np.rint([rotate(UP_AXES[entry.up], axis) for axis in _AXES])
+    turned_axes = [rotate(UP_AXES[entry.up], axis) for axis in _AXES]
+    up_rotation = np.rint(turned_axes)
     c = np.cos(np.radians(entry.yaw_deg))
     s = np.sin(np.radians(entry.yaw_deg))
     yaw_rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -75,7 +76,8 @@ def read_cloud(path: Path, entry: CloudEntry) -> Points:
         low = points.min(axis=0)
         high = points.max(axis=0)
         extent_m = float((high - low).max())
-        away_m = float(np.maximum(np.maximum(low, -high), 0.0).max())
+        distances_m = np.maximum(low, -high)
+        away_m = max(float(distances_m.max()), 0.0)
 
     # Each implausible figure has the parameter that is probably wrong. An infinite or lost one is one, too.
     if not MIN_EXTENT_M <= extent_m <= MAX_EXTENT_M:

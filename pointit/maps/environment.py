@@ -3,12 +3,26 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import starmap
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
-from pointit.maps.model import LinkEntry, MapFile
+from pointit.maps.model import (
+    BeltEntry,
+    BoxEntry,
+    CylinderEntry,
+    FenceEntry,
+    FrameEntry,
+    LampEntry,
+    LinkEntry,
+    MapFile,
+    PlaceEntry,
+    PlaneEntry,
+    SphereEntry,
+    StripEntry,
+)
 from pointit.maps.things import broken_things, things_of
 from pointit.runtime.config.validation_message import join_names
 from pointit.schemas import Environment
@@ -98,64 +112,68 @@ def environment(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], *, name: str, stamp_ns: int
 ) -> Environment:
     """Return the message of `file`, whose links, bays and things are valid; `clouds` are in {W}, n x 3."""
-    # Lamps, and what objects move along
-    lamps = tuple(Lamp(id=key, position_m=lamp.position) for key, lamp in file.lamps.items())
-    strips = tuple(
-        Strip(id=key, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
-        for key, strip in file.strips.items()
-    )
-    belts = tuple(
-        Belt(id=key, line_m=belt.centerline, width_m=belt.width) for key, belt in file.belts.items()
-    )
-    bays = tuple(Bay(id=key, belt=belt) for key, belt in file.bays.items())
-    frames = tuple(
-        Frame(id=key, position_m=frame.position, orientation_xyzw=frame.orientation_xyzw)
-        for key, frame in file.frames.items()
-    )
-
-    # Solids
-    boxes = tuple(
-        Box(id=key, center_m=box.center, size_m=box.size, yaw_rad=box.yaw_rad)
-        for key, box in file.boxes.items()
-    )
-    planes = tuple(
-        Plane(id=key, center_m=plane.center, normal=plane.normal, size_m=plane.size)
-        for key, plane in file.planes.items()
-    )
-    cylinders = tuple(
-        Cylinder(id=key, center_m=cylinder.center, radius_m=cylinder.radius, height_m=cylinder.height)
-        for key, cylinder in file.cylinders.items()
-    )
-    spheres = tuple(
-        Sphere(id=key, center_m=sphere.center, radius_m=sphere.radius) for key, sphere in file.spheres.items()
-    )
-
-    # Areas, and places from which the map was paced
-    fences = tuple(
-        Fence(id=key, kind=fence.kind, outline_m=fence.outline, low_m=fence.low, high_m=fence.high)
-        for key, fence in file.fences.items()
-    )
-    paced_from = tuple(
-        PacedPlace(id=key, position_m=place.position) for key, place in file.paced_from.items()
-    )
     return Environment(
         stamp_ns=stamp_ns,
         name=name,
-        lamps=lamps,
-        strips=strips,
-        belts=belts,
+        lamps=tuple(starmap(_lamp, file.lamps.items())),
+        strips=tuple(starmap(_strip, file.strips.items())),
+        belts=tuple(starmap(_belt, file.belts.items())),
         links=_links(file),
-        bays=bays,
-        frames=frames,
-        boxes=boxes,
-        planes=planes,
-        cylinders=cylinders,
-        spheres=spheres,
-        clouds=tuple(_cloud(key, points) for key, points in clouds.items()),
-        fences=fences,
+        bays=tuple(starmap(_bay, file.bays.items())),
+        frames=tuple(starmap(_frame, file.frames.items())),
+        boxes=tuple(starmap(_box, file.boxes.items())),
+        planes=tuple(starmap(_plane, file.planes.items())),
+        cylinders=tuple(starmap(_cylinder, file.cylinders.items())),
+        spheres=tuple(starmap(_sphere, file.spheres.items())),
+        clouds=tuple(starmap(_cloud, clouds.items())),
+        fences=tuple(starmap(_fence, file.fences.items())),
         things=things_of(file),
-        paced_from=paced_from,
+        paced_from=tuple(starmap(_paced_place, file.paced_from.items())),
     )
+
+
+def _lamp(name: str, lamp: LampEntry) -> Lamp:
+    return Lamp(id=name, position_m=lamp.position)
+
+
+def _strip(name: str, strip: StripEntry) -> Strip:
+    return Strip(id=name, line_m=strip.line, pixels=strip.pixels, direction=strip.direction)
+
+
+def _belt(name: str, belt: BeltEntry) -> Belt:
+    return Belt(id=name, line_m=belt.centerline, width_m=belt.width)
+
+
+def _bay(name: str, belt: str) -> Bay:
+    return Bay(id=name, belt=belt)
+
+
+def _frame(name: str, frame: FrameEntry) -> Frame:
+    return Frame(id=name, position_m=frame.position, orientation_xyzw=frame.orientation_xyzw)
+
+
+def _box(name: str, box: BoxEntry) -> Box:
+    return Box(id=name, center_m=box.center, size_m=box.size, yaw_rad=box.yaw_rad)
+
+
+def _plane(name: str, plane: PlaneEntry) -> Plane:
+    return Plane(id=name, center_m=plane.center, normal=plane.normal, size_m=plane.size)
+
+
+def _cylinder(name: str, cylinder: CylinderEntry) -> Cylinder:
+    return Cylinder(id=name, center_m=cylinder.center, radius_m=cylinder.radius, height_m=cylinder.height)
+
+
+def _sphere(name: str, sphere: SphereEntry) -> Sphere:
+    return Sphere(id=name, center_m=sphere.center, radius_m=sphere.radius)
+
+
+def _fence(name: str, fence: FenceEntry) -> Fence:
+    return Fence(id=name, kind=fence.kind, outline_m=fence.outline, low_m=fence.low, high_m=fence.high)
+
+
+def _paced_place(name: str, place: PlaceEntry) -> PacedPlace:
+    return PacedPlace(id=name, position_m=place.position)
 
 
 def _links(file: MapFile) -> tuple[BeltLink, ...]:

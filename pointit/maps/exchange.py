@@ -267,7 +267,8 @@ def to_ledmap(file: MapFile, view: str, cell_m: float) -> str:
 
     # Its cell, from the lower left corner on
     view_m = points_m[:, VIEWS[view]]
-    cells = np.floor((view_m - view_m.min(axis=0)) / cell_m + 0.5).astype(np.intp)
+    offsets_m = view_m - view_m.min(axis=0)
+    cells = np.floor(offsets_m / cell_m + 0.5).astype(np.intp)
     last_column, last_row = cells.max(axis=0).tolist()
     width = last_column + 1
     height = last_row + 1

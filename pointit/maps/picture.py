@@ -175,14 +175,16 @@ def draw_bays(axes: Axes, room: Environment) -> list[Any]:
 def beside(line: Polyline, offset_m: float) -> NDArray[np.float64]:
     """Return the vertices of `line`, moved to its left by `offset_m` as seen from above, n x 2."""
     flat = line.tangents[:, :2]
-    normals = np.column_stack([-flat[:, 1], flat[:, 0]])
+    x, y = flat.T
+    normals = np.column_stack([-y, x])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
 
     # Mitre of the segments before and after each vertex. It is limited, else a sharp corner had a long spike.
     before = np.vstack([normals[:1], normals])
     after = np.vstack([normals, normals[-1:]])
     mitre = before + after
-    mitre /= np.maximum(np.einsum("ij,ij->i", mitre, before)[:, None], 0.5)
+    lengths = np.einsum("ij,ij->i", mitre, before)
+    mitre /= np.maximum(lengths[:, None], 0.5)
     shifted: NDArray[np.float64] = line.vertices_m[:, :2] + offset_m * mitre
     return shifted
 
@@ -206,9 +208,10 @@ def _spaced(length_m: float, step_m: float, name_m: float) -> tuple[float, list[
 
 def _draw_chevron(axes: Axes, line: Polyline, at_m: float, size_m: float) -> None:
     place = np.array(line.point_at(at_m)[:2])
-    along = np.array(line.tangent_at(at_m)[:2])
-    across = 1.1 * np.array([along[1], -along[0]])
-    tips = np.array([across - along / 2, along / 2, -across - along / 2])
+    dx, dy, _ = line.tangent_at(at_m)
+    across = 1.1 * np.array([dy, -dx])
+    ahead = np.array([dx, dy]) / 2
+    tips = np.array([across - ahead, ahead, -across - ahead])
     x, y = (place + size_m * tips).T
     axes.plot(x, y, color=ARROW, lw=1.3, zorder=3)
 
@@ -217,7 +220,8 @@ def _label_along(axes: Axes, line: Polyline, at_m: float, text: str, color: str,
     """Write `text` along `line`, never upside down."""
     x, y, _ = line.point_at(at_m)
     dx, dy, _ = line.tangent_at(at_m)
-    angle = (math.degrees(math.atan2(dy, dx)) + 89.0) % 180.0 - 89.0
+    heading = math.degrees(math.atan2(dy, dx))
+    angle = (heading + 89.0) % 180.0 - 89.0
     axes.text(
         x, y, text, color=color, rotation=angle, rotation_mode="anchor", ha="center", va="center",
         **ON_TOP, **look,
@@ -284,10 +288,14 @@ def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: boo
                 _label_solid(axes, f"{plane.id} (without end)", plane.center_m)
         return
     u, v = plane_axes(plane.normal)
-    ux, uy, _ = scale(u, plane.size_m[0] / 2)
-    vx, vy, _ = scale(v, plane.size_m[1] / 2)
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    corners = [(x + a * ux + b * vx, y + a * uy + b * vy) for a, b in signs]
+    width_m, height_m = plane.size_m
+    ux, uy, _ = scale(u, width_m / 2)
+    vx, vy, _ = scale(v, height_m / 2)
+    corners: list[tuple[float, float]] = []
+    for sign_u, sign_v in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        corner_x = x + sign_u * ux + sign_v * vx
+        corner_y = y + sign_u * uy + sign_v * vy
+        corners.append((corner_x, corner_y))
     look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
     patches.append(Polygon(corners, **look))
     if is_named:
@@ -414,7 +422,8 @@ def on_belt(room: Environment, x: float, y: float) -> bool:
     """Return True if the point is on a belt, as seen from above."""
     for belt in room.belts:
         try:
-            floor_polyline = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
+            floor_line = [(vertex_x, vertex_y, 0.0) for vertex_x, vertex_y, _ in belt.line_m]
+            floor_polyline = Polyline(floor_line)
         except ValueError:  # vertical belts have no area
             continue
         _, distances_m = floor_polyline.nearest_to(np.array([[x, y, 0.0]]))

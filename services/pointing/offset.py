@@ -107,7 +107,9 @@ def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
         (s.azimuth_rad, s.elevation_rad, s.target_azimuth_rad, s.target_elevation_rad) for s in sightings
     ]
     rays = np.array(angles).reshape(-1, 4)
-    errors = _wrapped(rays[:, 2:] - rays[:, :2])
+    measured = rays[:, :2]
+    expected = rays[:, 2:]
+    errors = _wrapped(expected - measured)
     cos_elevation = np.cos(rays[:, 3])
 
     # outliers first: all that follows is a mean of what is left
@@ -127,7 +129,8 @@ def fit(sightings: Sequence[OffsetSighting], fitted_ns: int = 0) -> OffsetFit:
     heading = float(vector.wrap(heading + step))
     azimuth_residuals = azimuth_residuals - step
     azimuth_scatter = _scatter(cos_elevation * azimuth_residuals, HOLD_AZIMUTH_RAD)
-    heading_sigma = min(azimuth_scatter / math.sqrt(float(weights.sum())), math.pi)
+    weight_sum = float(weights.sum())
+    heading_sigma = min(azimuth_scatter / math.sqrt(weight_sum), math.pi)
 
     # pitch: a constant of the elevation
     constant, elevation_scatter = _pitch(elevation_errors)
@@ -181,7 +184,8 @@ def _gate(errors: Array, cos_elevation: Array) -> tuple[NDArray[np.bool_], float
         return accepted, 0.0
 
     # a median on the circle: the accepted error with the smallest sum of distances to the others
-    distances = np.abs(_wrapped(azimuth_errors[:, None] - azimuth_errors[None, accepted]))
+    differences = azimuth_errors[:, None] - azimuth_errors[None, accepted]
+    distances = np.abs(_wrapped(differences))
     candidates = np.flatnonzero(accepted)
     central = candidates[np.argmin(distances[accepted].sum(axis=1))]
     heading = float(azimuth_errors[central])
@@ -194,7 +198,8 @@ def _gate(errors: Array, cos_elevation: Array) -> tuple[NDArray[np.bool_], float
     elevation_deviations = elevation_errors - np.median(elevation_errors[accepted])
     deviations = np.stack([azimuth_deviations, elevation_deviations], axis=1)
     robust_sigma = 1.4826 * np.median(np.abs(deviations[accepted]), axis=0)
-    sigmas = np.abs(deviations / np.maximum(robust_sigma, [HOLD_AZIMUTH_RAD, HOLD_RAD])).max(axis=1)
+    robust_sigma = np.maximum(robust_sigma, [HOLD_AZIMUTH_RAD, HOLD_RAD])
+    sigmas = np.abs(deviations / robust_sigma).max(axis=1)
 
     # at most a third is dropped, so that a bad hold does no harm and most of them cannot outvote the rest
     by_distance = [index for index in np.argsort(-sigmas) if accepted[index]]
@@ -223,8 +228,10 @@ def _sigma(errors: Array, constant: float, person_rad: float) -> float:
 
     # posterior weight of each scatter; the person's constant is integrated out
     shrinkage = count * person_variance / (count * person_variance + variance)
-    log_likelihood = -count * np.log(SCATTERS_RAD) + 0.5 * np.log(1.0 - shrinkage)
-    log_likelihood -= 0.5 * (float(errors @ errors) - shrinkage * count * mean**2) / variance
+    unexplained = float(errors @ errors) - shrinkage * count * mean**2
+    log_likelihood = -count * np.log(SCATTERS_RAD)
+    log_likelihood += 0.5 * np.log(1.0 - shrinkage)
+    log_likelihood -= 0.5 * unexplained / variance
     weights = np.exp(log_likelihood - log_likelihood.max())
     weights /= weights.sum()
 
@@ -233,10 +240,12 @@ def _sigma(errors: Array, constant: float, person_rad: float) -> float:
     sigmas = np.sqrt(variance + shrinkage * variance / count)
 
     def excess(limit: float) -> float:
-        inside = ndtr((limit - means) / sigmas) - ndtr((-limit - means) / sigmas)
+        below = ndtr((-limit - means) / sigmas)
+        inside = ndtr((limit - means) / sigmas) - below
         return float(weights @ inside) - INSIDE
 
-    upper_limit = 10.0 * float(sigmas.max() + np.abs(means).max())
+    largest = sigmas.max() + np.abs(means).max()
+    upper_limit = 10.0 * float(largest)
     return 0.5 * brentq(excess, 0.0, upper_limit, xtol=1e-6)
 
 
@@ -262,10 +271,14 @@ def _polynomial(
     """
     columns = weights[:, None] * _columns(directions)
     weighted_errors = weights * errors
-    constant_errors, _ = _ridge(columns[:, :1], weighted_errors, sigma, np.array([constant_prior]))
+    constant_only = columns[:, :1]
+    constant_errors, _ = _ridge(constant_only, weighted_errors, sigma, np.array([constant_prior]))
     max_squares = MAX_ERROR_RATIO * float(constant_errors @ constant_errors)
-    edges = [np.linspace(*_range(directions[:, axis]), 7) for axis in (0, 1)]
-    grid = _columns(np.stack(np.meshgrid(*edges), axis=-1).reshape(-1, 2))
+    azimuths, elevations = directions.T
+    azimuth_steps = np.linspace(*_range(azimuths), 7)
+    elevation_steps = np.linspace(*_range(elevations), 7)
+    corners = np.stack(np.meshgrid(azimuth_steps, elevation_steps), axis=-1)
+    grid = _columns(corners.reshape(-1, 2))
 
     # a stiffer polynomial bends less: the prior of its slopes is halved until its corners stay close
     slope = SLOPE
@@ -276,7 +289,8 @@ def _polynomial(
             return None
         at_anchors = _columns(directions) @ terms
         middle = at_anchors.mean()
-        max_bend = max(STRETCH * np.abs(at_anchors - middle).max(), BENT_RAD)
+        bend = np.abs(at_anchors - middle).max()
+        max_bend = max(STRETCH * bend, BENT_RAD)
         if np.abs(grid @ terms - middle).max() <= max_bend:
             return terms, left_out_errors
         slope /= 2.0
@@ -297,9 +311,9 @@ def _ridge(columns: Array, errors: Array, sigma: float, prior: Array) -> tuple[A
 
 def _columns(directions: Array) -> Array:
     """Return the columns 1, a, e, a², ae, e² of a polynomial of total degree 2."""
-    a = directions[:, 0]
-    e = directions[:, 1]
-    return np.stack([np.ones_like(a), a, e, a * a, a * e, e * e], axis=1)
+    a, e = directions.T
+    one = np.ones_like(a)
+    return np.stack([one, a, e, a * a, a * e, e * e], axis=1)
 
 
 def _terms(values: Array) -> tuple[float, float, float, float, float, float]:
@@ -320,4 +334,6 @@ def _middle(angles: Array) -> float:
     ordered = np.sort(angles % math.tau)
     gaps = np.diff(ordered, append=ordered[0] + math.tau)
     widest = int(np.argmax(gaps))
-    return float(vector.wrap(ordered[widest] + gaps[widest] + (math.tau - gaps[widest]) / 2.0))
+    gap = gaps[widest]
+    start = ordered[widest] + gap
+    return float(vector.wrap(start + (math.tau - gap) / 2.0))

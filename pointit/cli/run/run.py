@@ -17,7 +17,7 @@ from rich.text import Text
 
 from pointit.cli.common.completions import scenarios
 from pointit.cli.common.panels import Finite, PanelCommand
-from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS
+from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS, joined_addition
 from pointit.cli.run import run_options
 from pointit.cli.summary import check_writable, figures, write_summary
 from pointit.launch.plan.launches import (
@@ -376,33 +376,28 @@ def run(
 
     # What optional rooms add. Their settings come first, since --set wins over them
     part_values = options | {"site_only": not people}
-    additions = [part.add(chosen, typed, part_values) for part in run_options.PARTS]
-    settings = chain.from_iterable(addition.settings for addition in additions)
-    site_services = chain.from_iterable(addition.site_services for addition in additions)
+    addition = joined_addition(part.add(chosen, typed, part_values) for part in run_options.PARTS)
     choices = dataclasses.replace(
         typed,
-        page=any(addition.moves_wrists for addition in additions),
-        services=(*typed.services, *site_services),
-        settings=(*settings, *typed.settings),
+        page=addition.moves_wrists,
+        services=(*typed.services, *addition.site_services),
+        settings=(*addition.settings, *typed.settings),
     )
 
     # Only what was typed is checked: parts may set parameters of services that this run lacks
     launches = scenario_launches(chosen, choices, people)
-    part_services = chain.from_iterable(addition.services for addition in additions)
-    check_settings(launches, typed, *part_services)
+    check_settings(launches, typed, *addition.services)
 
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s
     name = Path(scenario).stem
     program = None if site_only else ScenarioCatalog.beginning_with(name, scenario, chosen, choices)
-    notes = list(chain.from_iterable(addition.notes for addition in additions))
+    notes = list(addition.notes)
     if not people:
         notes.append(NO_PEOPLE)
-    notes += [*_ros2_notes(options), *assumed_places(launches, choices)]
-    closing_notes = filter(None, (addition.closing_note for addition in additions))
-    beside = chain.from_iterable(addition.beside for addition in additions)
-    watchers = chain.from_iterable(addition.watchers for addition in additions)
+    notes += _ros2_notes(options)
+    notes += assumed_places(launches, choices)
     has_address = options["listen"] or options["connect"]
     plan = Plan(
         name=name,
@@ -416,14 +411,14 @@ def run(
         speed=speed,
         processes=options["processes"],
         notes=tuple(notes),
-        closing_note=" ".join(closing_notes),
+        closing_note=addition.closing_note,
         may_move=not has_address,
         scored=not site_only,
         view=not options["no_view"],
         summary=summary,
         as_json=as_json,
-        beside=list(beside),
-        watchers=list(watchers),
+        beside=list(addition.beside),
+        watchers=list(addition.watchers),
         scenario=name,
         title=chosen.title_as(name),
         offers=() if program is None else program.offered,

@@ -1,7 +1,7 @@
 """Checks for probable mistakes in a readable map, and its summary: `pointit map check`."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from pathlib import Path
 
 import numpy as np
@@ -38,37 +38,39 @@ def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
     """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
     pixels = sum(strip.pixels for strip in file.strips.values())
     points = sum(len(cloud) for cloud in clouds.values())
-    counts = (
-        _counted(len(file.belts), "belt"),
-        _counted(len(file.links), "link"),
-        _counted(len(file.bays), "bay"),
-        _counted(len(file.strips), "strip", _with(pixels, "pixel")),
-        _counted(len(file.lamps), "lamp"),
-        _counted(len(file.boxes), "box"),
-        _counted(len(file.planes), "plane"),
-        _counted(len(file.cylinders), "cylinder"),
-        _counted(len(file.spheres), "sphere"),
-        _counted(len(clouds), "cloud", _with(points, "point")),
-        _counted(len(file.fences), "fence"),
-        _counted(len(file.frames), "frame"),
-        _counted(len(file.things), "thing"),
-    )
-    summary = ", ".join(filter(None, counts))
+    parts_of = {"strip": _counted(pixels, "pixel"), "cloud": _counted(points, "point")}
+    sections: dict[str, Sized] = {
+        "belt": file.belts,
+        "link": file.links,
+        "bay": file.bays,
+        "strip": file.strips,
+        "lamp": file.lamps,
+        "box": file.boxes,
+        "plane": file.planes,
+        "cylinder": file.cylinders,
+        "sphere": file.spheres,
+        "cloud": clouds,
+        "fence": file.fences,
+        "frame": file.frames,
+        "thing": file.things,
+    }
+    counts: list[str] = []
+    for word, section in sections.items():
+        if not section:
+            continue
+        count = _counted(len(section), word)
+        if word in parts_of:
+            count += f" with {parts_of[word]}"
+        counts.append(count)
+    summary = ", ".join(counts)
     return "; ".join(filter(None, (summary, pacing_text(file))))
 
 
-def _counted(count: int, word: str, addition: str = "") -> str:
-    """Return `count` of what `word` means, as in `2 boxes`, or `""` if there are none."""
-    if not count:
-        return ""
+def _counted(count: int, word: str) -> str:
+    """Return `count` of what `word` means, as in `2 boxes`."""
     plural = "es" if word == "box" else "s"
     ending = "" if count == 1 else plural
-    return f"{count} {word}{ending}{addition}"
-
-
-def _with(count: int, word: str) -> str:
-    ending = "s" if count > 1 else ""
-    return f" with {count} {word}{ending}"
+    return f"{count} {word}{ending}"
 
 
 def check_map(
@@ -157,8 +159,7 @@ def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[MapFinding]:
     """Yield volumes that hold no robot, alone or together."""
     keep_in = {name: fence for name, fence in fences.items() if fence.kind == "keep_in"}
     for name, fence in keep_in.items():
-        xs, ys = zip(*fence.outline, strict=True)
-        shorter_side = min(max(xs) - min(xs), max(ys) - min(ys))
+        shorter_side = float(np.ptp(fence.outline, axis=0).min())
         if shorter_side < ROBOT_M:
             yield warning(
                 f"fences.{name}",
@@ -182,8 +183,10 @@ def _have_room(fences: Mapping[str, FenceEntry]) -> bool:
     heights = [_heights_m(fence) for fence in keep_in]
     low_z = max(low for low, _ in heights)
     high_z = min(high for _, high in heights)
-    low = np.max([np.min(fence.outline, axis=0) for fence in keep_in], axis=0)
-    high = np.min([np.max(fence.outline, axis=0) for fence in keep_in], axis=0)
+    lows = [np.min(fence.outline, axis=0) for fence in keep_in]
+    highs = [np.max(fence.outline, axis=0) for fence in keep_in]
+    low = np.max(lows, axis=0)
+    high = np.min(highs, axis=0)
     if low_z >= high_z or np.any(low >= high):
         return False
 

@@ -173,12 +173,15 @@ class _Around:
         self._lanes = list(lanes.values())
         widest_m = max(lane.width_m for lane in self._lanes)
         vertices_m = [lane.line.vertices_m for lane in self._lanes]
-        self._low = np.array([line_m.min(axis=0) for line_m in vertices_m]) - widest_m
-        self._high = np.array([line_m.max(axis=0) for line_m in vertices_m]) + widest_m
+        lows_m = [line_m.min(axis=0) for line_m in vertices_m]
+        highs_m = [line_m.max(axis=0) for line_m in vertices_m]
+        self._low = np.array(lows_m) - widest_m
+        self._high = np.array(highs_m) + widest_m
 
     def near(self, place: Vec3) -> list[Lane]:
         """Return a superset of the lanes within a lane's width of `place`."""
-        inside = np.all((self._low <= place) & (self._high >= place), axis=1)
+        is_between = (self._low <= place) & (self._high >= place)
+        inside = np.all(is_between, axis=1)
         return [self._lanes[index] for index in np.flatnonzero(inside)]
 
 
@@ -253,7 +256,8 @@ def _check_circles(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> 
     first_indices = [first for first, _ in pairs]
     next_indices = [following for _, following in pairs]
     ones = np.ones(len(pairs))
-    follows = csr_array((ones, (first_indices, next_indices)), shape=(len(links), len(links)))
+    shape = (len(links), len(links))
+    follows = csr_array((ones, (first_indices, next_indices)), shape=shape)
 
     # Links from which an exit can be reached, from the exits backwards
     reaches_exit = np.array([link.target in exits for link in links])
@@ -382,7 +386,8 @@ def _check_line(
         yield warning(
             where, f"length is given as {given:g} m and the line is {length:.3f} m long; correct one of them"
         )
-    steps = np.linalg.norm(np.diff(np.array(vertices), axis=0), axis=1)
+    edges = np.diff(np.array(vertices), axis=0)
+    steps = np.linalg.norm(edges, axis=1)
     for index in np.flatnonzero(steps <= SAME_M).tolist():
         yield warning(
             where, f"vertex {index + 1} is where vertex {index} is, {list(vertices[index])}; remove it"

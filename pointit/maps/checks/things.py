@@ -232,7 +232,9 @@ def _check_places(
         others = np.vstack([room, np.delete(centers, index, axis=0)])
         if not len(others):
             continue
-        offsets = np.maximum(others.min(axis=0) - center, center - others.max(axis=0))
+        below_low = others.min(axis=0) - center
+        above_high = center - others.max(axis=0)
+        offsets = np.maximum(below_low, above_high)
         beyond_m = float(offsets.max())
         if beyond_m > BEYOND_M:
             yield warning(where, f"is {beyond_m:.1f} m outside of all else in the map; correct its center")
@@ -254,7 +256,8 @@ def _check_confused(
     """Yield the pairs of things that pointing does not tell apart from `eyes_m`, the nearest first."""
     near: list[tuple[float, str, str]] = []
     for one, other in _close_pairs(things, eyes_m):
-        apart_deg = _apart_deg(solids[one], solids[other], things[one].center_m, eyes_m)
+        start_m = things[one].center_m
+        apart_deg = _apart_deg(solids[one], solids[other], start_m, eyes_m)
         if apart_deg < APART_DEG:
             near.append((apart_deg, things[one].id, things[other].id))
     near.sort()
@@ -324,16 +327,19 @@ def separability(
 
 def _close_pairs(things: Sequence[Thing], eyes_m: Vec3) -> Iterator[tuple[int, int]]:
     """Yield pairs that may be as near to each other, by the balls around them."""
-    reach = np.array([thing.center_m for thing in things]).reshape(-1, 3) - eyes_m
-    range_m = np.linalg.norm(reach, axis=1) + 1e-9
+    centers_m = np.array([thing.center_m for thing in things]).reshape(-1, 3)
     sizes_m = np.array([thing.size_m for thing in things]).reshape(-1, 3)
-    radii_rad = np.arctan(np.linalg.norm(sizes_m, axis=1) / 2.0 / range_m)
+    reach = centers_m - eyes_m
+    range_m = np.linalg.norm(reach, axis=1) + 1e-9
+    radii_m = np.linalg.norm(sizes_m, axis=1) / 2.0
+    radii_rad = np.arctan(radii_m / range_m)
     towards = reach / range_m[:, None]
     for one in range(len(things)):
         later = one + 1
         cosines = towards[later:] @ towards[one]
         angles = np.arccos(np.clip(cosines, -1.0, 1.0))
-        is_close = angles - radii_rad[later:] - radii_rad[one] < math.radians(APART_DEG)
+        gaps = angles - radii_rad[later:] - radii_rad[one]
+        is_close = gaps < math.radians(APART_DEG)
         for other in np.flatnonzero(is_close):
             yield one, later + int(other)
 
@@ -422,17 +428,19 @@ def _lamps_at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
         neighbour_of = np.asarray(neighbours).reshape(-1)
         for row in np.flatnonzero(distances_m < SAME_PLACE_M):
             neighbour = int(neighbour_of[row])
-            earlier_lamp, later_lamp = sorted((int(first[row]), int(first[neighbour])))
-            twins.setdefault(later_lamp, earlier_lamp)
+            pair = (int(first[row]), int(first[neighbour]))
+            twins.setdefault(max(pair), min(pair))
     return sorted(twins.items())
 
 
 def _have_one_bearing(places: Sequence[Vec3], person_m: tuple[float, float] | None) -> bool:
     flat = np.array(places)[:, :2]
     if person_m is None:
-        return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)
+        distances_m = np.linalg.norm(flat - flat[0], axis=1)
+        return bool(distances_m.max() < ONE_BEARING_M)
     east, north = (flat - person_m).T
     bearings = np.arctan2(north, east)
-    turns = np.angle(np.exp(1j * (bearings - bearings[0])))
+    phasors = np.exp(1j * (bearings - bearings[0]))
+    turns = np.angle(phasors)
     apart_deg = np.degrees(np.abs(turns))
     return bool(apart_deg.max() < MIN_SPREAD_DEG)

@@ -197,7 +197,8 @@ def _bent(points: Array, pitch: float, tolerance: float) -> Array:
     for point, step, length in zip(points, steps, lengths, strict=False):
         if length < pitch * (1 - tolerance):
             step_ahead = float(step @ towards)
-            ahead = (pitch**2 - length**2) / (2.0 * (pitch - step_ahead))
+            square = pitch**2 - length**2
+            ahead = square / (2.0 * (pitch - step_ahead))
             nodes.append(point + ahead * towards)
         nodes.append(point + step)
         if length > 0.0:
@@ -226,7 +227,9 @@ def _with_ends(vertices: Array, step: float) -> Array:
         inner = vertices[1:-1]
     before = first_step / np.linalg.norm(first_step) * step / 2
     behind = last_step / np.linalg.norm(last_step) * step / 2
-    return np.vstack([vertices[0] - before, *inner, vertices[-1] + behind])
+    start = vertices[0] - before
+    end = vertices[-1] + behind
+    return np.vstack([start, *inner, end])
 
 
 def _vertices(at: Array, points: Array, limit: float) -> list[int]:

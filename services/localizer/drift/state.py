@@ -217,7 +217,8 @@ class DriftState:
     def advance(self, stamp_ns: int) -> None:
         """Advance to `stamp_ns` if that is later."""
         if stamp_ns > self.stamp_ns:
-            self.means, self.covariances = self._predicted((stamp_ns - self.stamp_ns) / NS_PER_S)
+            passed_s = (stamp_ns - self.stamp_ns) / NS_PER_S
+            self.means, self.covariances = self._predicted(passed_s)
             self.stamp_ns = stamp_ns
 
     def innovation_sigmas(self, seen: Innovation, noise: Array) -> Array:
@@ -245,7 +246,8 @@ class DriftState:
         case_scores = list[Array]()
         for case in cases:
             # Kalman gain of each component, widened by what happened before in this case
-            noise = case.noise + np.eye(len(case.noise)) * MIN_SIGMA**2
+            least_noise = np.eye(len(case.noise)) * MIN_SIGMA**2
+            noise = case.noise + least_noise
             widened = self.covariances + np.diag(case.widened)
             total = slope @ widened @ slope_transposed + noise
             gain = np.linalg.solve(total, slope @ widened).swapaxes(1, 2)
@@ -261,7 +263,8 @@ class DriftState:
             mahalanobis = np.sum(whitened * value, axis=1)
             _, log_det = np.linalg.slogdet(total)
             log_likelihood = -0.5 * (mahalanobis + log_det)
-            case_scores.append(np.log(self.weights) + math.log(case.share) + log_likelihood)
+            log_prior = np.log(self.weights) + math.log(case.share)
+            case_scores.append(log_prior + log_likelihood)
 
         # Components grow by the number of cases in each update: the improbable ones are dropped. The stable
         # order makes components of equal weight the same ones on every machine.
@@ -273,7 +276,8 @@ class DriftState:
         self.means = np.concatenate(case_means)[indices]
         self.covariances = np.concatenate(case_covariances)[indices]
         self._bound()
-        return np.asarray(weights.reshape(len(cases), -1).sum(axis=1) / weights.sum())
+        case_weights = weights.reshape(len(cases), -1).sum(axis=1)
+        return np.asarray(case_weights / weights.sum())
 
     def forget(self, index: int, sigma: float, mean: float | None = None) -> None:
         """Drop what is known about one part of the state, with its correlations; `mean` None: it stays."""
@@ -304,7 +308,8 @@ class DriftState:
 
     def _bound(self) -> None:
         limit = self._settings.max_rate_radps
-        self.means[:, RATE] = np.clip(self.means[:, RATE], -limit, limit)
+        rates = self.means[:, RATE]
+        self.means[:, RATE] = np.clip(rates, -limit, limit)
         self.covariances = bounded(self.covariances, self._settings)
 
 
@@ -314,7 +319,8 @@ def _moments(
     """Return the first component's mean (5) and the covariance (5 x 5) of a mixture about it."""
     offsets = means - means[0]
     mean = means[0].copy()
-    offsets[:, YAW] = np.remainder(offsets[:, YAW] + math.pi, math.tau) - math.pi
+    yaw_offsets = offsets[:, YAW]
+    offsets[:, YAW] = np.remainder(yaw_offsets + math.pi, math.tau) - math.pi
     mean[YAW] = math.remainder(float(mean[YAW]), math.tau)
     spreads = offsets[:, :, None] * offsets[:, None, :]
     covariance = np.einsum("n,nij->ij", weights, covariances + spreads)
@@ -334,7 +340,8 @@ def bounded(covariance: Array, settings: DriftSettings) -> Array:
     sigmas = np.sqrt(np.maximum(variances, 1e-300))
     shrink = np.minimum(1.0, max_sigmas / sigmas)
     symmetric = 0.5 * (covariance + covariance.swapaxes(-1, -2))
-    return np.asarray(symmetric * (shrink[..., :, None] * shrink[..., None, :]))
+    shrink_pairs = shrink[..., :, None] * shrink[..., None, :]
+    return np.asarray(symmetric * shrink_pairs)
 
 
 def nearest_psd(covariance: Array) -> Array:

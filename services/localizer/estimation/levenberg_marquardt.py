@@ -80,9 +80,9 @@ class Rays:
     @classmethod
     def of(cls, origins_m: Array, directions: Array, targets_m: Array) -> "Rays":
         """Return the rays with `directions` (n x 3) of any length."""
-        level = np.hypot(directions[:, 0], directions[:, 1])
-        azimuths = np.arctan2(directions[:, 1], directions[:, 0])
-        elevations = np.arctan2(directions[:, 2], level)
+        x, y, z = directions.T
+        azimuths = np.arctan2(y, x)
+        elevations = np.arctan2(z, np.hypot(x, y))
         # vertical rays have no azimuth but that of rounding: use any that turns with the others
         steepness = np.abs(elevations)
         azimuths[steepness > PLUMB_RAD] = azimuths[np.argmin(steepness)]
@@ -103,12 +103,14 @@ class Rays:
     @cached_property
     def targets(self) -> Complex:
         """Return the targets in the horizontal plane, n."""
-        return np.asarray(self.targets_m[:, 0] + 1j * self.targets_m[:, 1], dtype=np.complex128)
+        x, y, _ = self.targets_m.T
+        return np.asarray(x + 1j * y, dtype=np.complex128)
 
     @cached_property
     def origins(self) -> Complex:
         """Return the origins in the horizontal plane, each with its ray turned forward, n."""
-        origins = self.origins_m[:, 0] + 1j * self.origins_m[:, 1]
+        x, y, _ = self.origins_m.T
+        origins = x + 1j * y
         return np.asarray(origins * self.inverse_azimuth)
 
     @cached_property
@@ -120,22 +122,23 @@ class Rays:
 def angular_errors(rays: Rays, poses: Array) -> tuple[Array, Array]:
     """Return the residual angles without derivatives: to the left of the rays and above them, k x n each."""
     # Targets relative to the eyes, turned so that the measured azimuth is forward
-    place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
-    turn = np.exp(-1j * poses[:, 2])[:, None] * rays.inverse_azimuth
+    x, y, yaw, bias, height = poses.T[:, :, None]
+    place = x + 1j * y
+    turn = np.exp(-1j * yaw) * rays.inverse_azimuth
     flat = (rays.targets - place) * turn - rays.origins
     ahead = flat.real
     left = flat.imag
-    up = rays.heights - poses[:, 4, None]
+    up = rays.heights - height
 
     # Tilted so that the measured elevation is forward, too
-    tilt = rays.elevation_phasor * np.exp(-1j * poses[:, 3])[:, None]
+    tilt = rays.elevation_phasor * np.exp(-1j * bias)
     cos_el = tilt.real
     sin_el = tilt.imag
     along = cos_el * ahead + sin_el * up
     above = cos_el * up - sin_el * ahead
-    reach = np.sqrt(left * left + ahead * ahead + up * up)
-    gain = 2.0 / np.maximum(reach + along, _TINY)
-    return np.asarray(gain * left, dtype=np.float64), np.asarray(gain * above, dtype=np.float64)
+    square = left * left + ahead * ahead + up * up
+    gain = 2.0 / np.maximum(np.sqrt(square) + along, _TINY)
+    return gain * left, gain * above
 
 
 def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
@@ -153,14 +156,15 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
         k x 2 x n angles, rad (to the left of the ray, above it), and their k x 5 x 2 x n derivatives.
     """
     # Targets relative to the eyes, turned so that the measured azimuth is forward
-    place: Complex = (poses[:, 0] + 1j * poses[:, 1])[:, None]
+    x, y, _, _, height = poses.T[:, :, None]
+    place = x + 1j * y
     turns = np.exp(-1j * poses[:, 2:4])
     turn = turns[:, :1] * rays.inverse_azimuth
     turned_targets = (rays.targets - place) * turn
     flat = turned_targets - rays.origins
     ahead = flat.real
     left = flat.imag
-    up = rays.heights - poses[:, 4, None]
+    up = rays.heights - height
 
     # Tilted so that the measured elevation is forward, too, and projected
     tilt = rays.elevation_phasor * turns[:, 1:]
@@ -168,7 +172,8 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     sin_el = tilt.imag
     along = cos_el * ahead + sin_el * up
     above = cos_el * up - sin_el * ahead
-    reach = np.sqrt(left * left + ahead * ahead + up * up)
+    square = left * left + ahead * ahead + up * up
+    reach = np.sqrt(square)
     gain = 2.0 / np.maximum(reach + along, _TINY)
     samples = left.shape[1]
     angles = np.empty((len(poses), 2, samples))
@@ -193,11 +198,13 @@ def residuals(rays: Rays, poses: Array) -> tuple[Array, Array]:
     # Derivatives of the denominator (reach + along), then of the quotients
     d_denominator = np.empty((len(poses), PARAMETERS, samples))
     safe_reach = np.maximum(reach, _TINY)
-    d_denominator[:, :3] = (left[:, None] * d_left + ahead[:, None] * d_ahead) / safe_reach[:, None]
+    d_half_square = left[:, None] * d_left + ahead[:, None] * d_ahead
+    d_denominator[:, :3] = d_half_square / safe_reach[:, None]
     d_denominator[:, :3] += cos_el[:, None] * d_ahead
     d_denominator[:, 3] = -above
     d_denominator[:, 4] = -up / safe_reach - sin_el
-    slope -= (0.5 * angles)[:, None] * d_denominator[:, :, None]
+    half_angles = 0.5 * angles
+    slope -= half_angles[:, None] * d_denominator[:, :, None]
     slope *= gain[:, None, None]
     return angles, slope
 
@@ -227,16 +234,19 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     y = level * np.sin(rays.azimuths_rad)
     z = np.sin(elevations)
     directions = np.stack([x, y, z], axis=1)
-    projections = np.eye(3)[None, :, :, None] - directions[:, :, None] * directions[:, None, :]
+    outer_products = directions[:, :, None] * directions[:, None, :]
+    projections = np.eye(3)[None, :, :, None] - outer_products
 
     # Yaws relative to the ray with the best defined azimuth, so that the result does not depend on the IMU's
     # yaw. The targets from the origins at each of them (starts x 3 x n).
     first = float(rays.azimuths_rad[np.argmax(rays.elevation_phasor.real)])
     yaws = np.arange(STARTS) * (math.tau / STARTS) - first
-    turned_targets = np.exp(-1j * yaws)[:, None] * rays.targets
+    turns = np.exp(-1j * yaws)
+    turned_targets = turns[:, None] * rays.targets
+    origin_x, origin_y, _ = rays.origins_m.T
     offsets = np.empty((STARTS, 3, len(rays.heights)))
-    offsets[:, 0] = turned_targets.real - rays.origins_m[:, 0]
-    offsets[:, 1] = turned_targets.imag - rays.origins_m[:, 1]
+    offsets[:, 0] = turned_targets.real - origin_x
+    offsets[:, 1] = turned_targets.imag - origin_y
     offsets[:, 2] = rays.heights
 
     # Normal equations of the place. When all rays are parallel, it is that nearest to the targets.
@@ -245,7 +255,8 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     normal: Array = projections[:, :2, :2].sum(axis=3)
     regularized = normal + PARALLEL * len(rays.heights) * np.eye(2)
     places_h: Array = right_sides @ np.linalg.inv(regularized)
-    places: Complex = (places_h[..., 0] + 1j * places_h[..., 1]) * np.exp(1j * yaws)
+    flat_places = places_h[..., 0] + 1j * places_h[..., 1]
+    places: Complex = flat_places * np.exp(1j * yaws)
     poses = np.zeros((len(biases), STARTS, PARAMETERS))
     poses[..., 0] = places.real
     poses[..., 1] = places.imag
@@ -257,7 +268,9 @@ def initial_poses(rays: Rays, weights: Weights) -> Array:
     costs = costs.reshape(len(biases), STARTS)
     best_biases = np.argmin(costs, axis=0)
     lowest = costs.min(axis=0)
-    is_valley = (lowest <= np.roll(lowest, 1)) & (lowest <= np.roll(lowest, -1))
+    before = np.roll(lowest, 1)
+    after = np.roll(lowest, -1)
+    is_valley = (lowest <= before) & (lowest <= after)
     valleys = np.flatnonzero(is_valley)
     valleys = valleys[np.argsort(lowest[valleys])][:MAX_POSES]
     return np.asarray(poses[best_biases[valleys], valleys], dtype=np.float64)
@@ -286,7 +299,7 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
         added = damping[:, None] * diagonals + _TINY
         damped = hessians + added[:, :, None] * _EYE
         try:
-            solved = np.asarray(np.linalg.solve(damped, -slopes[:, :, None]), dtype=np.float64)
+            solved: Array = np.linalg.solve(damped, -slopes[:, :, None])
         except np.linalg.LinAlgError:  # a pose lies exactly in a target, where the slope vanishes
             break
         steps: Array = solved[:, :, 0]
@@ -308,7 +321,8 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
 
         # A rejected step does not count as convergence, however small. Growing damping ends such descents.
         counts = is_better | (damping > _STUCK)
-        sizes = np.where(counts, np.abs(steps).max(axis=1), np.inf)
+        largest_steps = np.abs(steps).max(axis=1)
+        sizes = np.where(counts, largest_steps, np.inf)
         less_damping = np.maximum(damping * 0.1, _MIN_DAMPING)
         more_damping = np.maximum(damping * 10.0, _AGAIN)
         damping = np.where(is_better, less_damping, more_damping)
@@ -365,8 +379,10 @@ def _linearized(rays: Rays, poses: Array, weights: Weights) -> tuple[Array, Arra
 def evaluate_costs(rays: Rays, poses: Array, weights: Weights, sample_weights: Array | float = 1.0) -> Array:
     """Return the costs (k) of `poses` (k x 5) with sample weights `sample_weights` (n)."""
     left, above = angular_errors(rays, poses)
-    squares = (left / weights.sigma_rad[0]) ** 2 + (above / weights.sigma_rad[1]) ** 2
-    losses = sample_weights * _loss(squares, huber_weight(np.sqrt(squares)))
+    sideways_sigma, upward_sigma = weights.sigma_rad
+    squares = (left / sideways_sigma) ** 2 + (above / upward_sigma) ** 2
+    weight = huber_weight(np.sqrt(squares))
+    losses = sample_weights * _loss(squares, weight)
     return np.asarray(losses.sum(axis=1) + _prior_cost(poses, weights), dtype=np.float64)
 
 

@@ -254,8 +254,11 @@ class Attempt:
         if last is not None and last.origin_m is not None:
             eyes_to_target_m = math.dist(last.origin_m, self.target_m)
             if eyes_to_target_m:
-                width_deg = math.degrees(2.0 * math.atan2(self.width_m / 2.0, eyes_to_target_m))
+                half_width_rad = math.atan2(self.width_m / 2.0, eyes_to_target_m)
+                width_deg = math.degrees(2.0 * half_width_rad)
 
+        error_m = None if point_m is None else math.dist(point_m, self.target_m)
+        distance_m = None if start_m is None else math.dist(start_m, first_target_m)
         columns: dict[str, str | float | int | None] = {
             "outcome": self.outcome,
             "reason": self.reason,
@@ -264,9 +267,9 @@ class Attempt:
             "selection_s": self.selection_s,
             "corrections": self.corrections,
             "path_length_deg": math.degrees(self.path_rad),
-            "error_m": None if point_m is None else math.dist(point_m, self.target_m),
+            "error_m": error_m,
             "error_deg": _angle_deg(last, self.target_m),
-            "target_distance_m": None if start_m is None else math.dist(start_m, first_target_m),
+            "target_distance_m": distance_m,
             "target_width_m": self.width_m,
             "target_distance_deg": _angle_deg(first, first_target_m, self.before_m),
             "target_width_deg": width_deg,

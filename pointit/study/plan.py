@@ -15,6 +15,9 @@ from pointit.study.questionnaire import scale_of
 from pointit.study.table_file import Row, done_trials, one_line
 from pointit.study.tasks import StudyTrial, Tapping
 
+Cell = tuple[tuple[str, str], ...]
+"""Levels by factor, in the order of `StudyTrial.cell`."""
+
 MIN_SEQUENCE_TRIALS = 5
 """Minimum number of movements of a sequence that has a throughput. The standard's circles have 9 to 25."""
 MAX_ADVISED_REPETITIONS = 100
@@ -66,7 +69,8 @@ def plan_of(study: Study, participant: str) -> StudyPlan:
     rows = square(study.order, len(study.cells("block")))
     row = rows[index // len(groups) % len(rows)]
     if study.order == "blocked_random":
-        row = tuple(np.random.default_rng([study.seed, index]).permutation(len(row)).tolist())
+        rng = np.random.default_rng([study.seed, index])
+        row = tuple(rng.permutation(len(row)).tolist())
     blocks = [study.cells("block")[place] for place in row]
 
     # Each block has random numbers of its own, and each trial a seed: a session can go on anywhere.
@@ -80,22 +84,17 @@ def plan_of(study: Study, participant: str) -> StudyPlan:
         for place, cell in enumerate(cells):
             seeds = np.random.SeedSequence([study.seed, index, number, place])
             levels = {**group, **block, **cell}
-            trials.append(
-                StudyTrial(
-                    number=len(trials) + 1,
-                    block=number,
-                    place=place,
-                    practice=place < len(practice),
-                    cell={name: levels[name] for name in study.factors},
-                    seed=int(seeds.generate_state(1)[0]),
-                )
+            trial = StudyTrial(
+                number=len(trials) + 1,
+                block=number,
+                place=place,
+                practice=place < len(practice),
+                cell={name: levels[name] for name in study.factors},
+                seed=int(seeds.generate_state(1)[0]),
             )
-    return StudyPlan(
-        participant=participant,
-        group=group,
-        order=tuple(condition_of(block) for block in blocks),
-        trials=tuple(trials),
-    )
+            trials.append(trial)
+    order = tuple(condition_of(block) for block in blocks)
+    return StudyPlan(participant=participant, group=group, order=order, trials=tuple(trials))
 
 
 def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) -> list[dict[str, str]]:
@@ -104,7 +103,8 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
     count = len(cells) if count is None else count
     shuffled: list[dict[str, str]] = []
     while len(shuffled) < count:
-        shuffled += [cells[int(index)] for index in rng.permutation(len(cells))]
+        order: list[int] = rng.permutation(len(cells)).tolist()
+        shuffled += [cells[index] for index in order]
     return shuffled[:count]
 
 
@@ -232,7 +232,10 @@ def check_sequences(study: Study) -> None:
 
 def _shortest_sequence(study: Study) -> tuple[int, str]:
     """Return the fewest movements of one condition, distance and width in a block, and the condition."""
-    distances = {cell: study.task_in(dict(cell)).model_dump()["distance_m"] for cell in _cells(study)}
+    distances: dict[Cell, float] = {}
+    for cell in _cells(study):
+        task = study.task_in(dict(cell))
+        distances[cell] = task.model_dump()["distance_m"]
     shortest: list[tuple[int, str]] = []
     for name in study.people:
         plan = plan_of(study, name)
@@ -240,7 +243,7 @@ def _shortest_sequence(study: Study) -> tuple[int, str]:
             trials = [trial for trial in plan.block(number) if not trial.practice]
             cells = [tuple(trial.cell.items()) for trial in trials]
             # A movement has the distance of the trial before, at whose target it begins.
-            counts: dict[tuple[tuple[str, str], ...], Counter[float]] = {cell: Counter() for cell in cells}
+            counts: dict[Cell, Counter[float]] = {cell: Counter() for cell in cells}
             for previous, cell in itertools.pairwise(cells):
                 counts[cell][distances[previous]] += 1
             for cell, by_distance in counts.items():
@@ -249,9 +252,10 @@ def _shortest_sequence(study: Study) -> tuple[int, str]:
     return min(shortest)
 
 
-def _cells(study: Study) -> Iterator[tuple[tuple[str, str], ...]]:
-    """Yield all combinations of levels, in the order of `Trial.cell`."""
-    for parts in itertools.product(*(study.cells(vary) for vary in ("between", "block", "trial"))):
+def _cells(study: Study) -> Iterator[Cell]:
+    """Yield all combinations of levels, in the order of `StudyTrial.cell`."""
+    cells_by_vary = [study.cells(vary) for vary in ("between", "block", "trial")]
+    for parts in itertools.product(*cells_by_vary):
         levels: dict[str, str] = {}
         for part in parts:
             levels |= part

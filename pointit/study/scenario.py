@@ -47,8 +47,11 @@ def scenes_of(study: Study, plan: StudyPlan, block: int, settings: Mapping[str, 
     if (room := room_of(run.check())) is None:
         raise ConfigError(f"scenario {study.scenario} has no map, in which targets could be")
     scenes: list[StudyScene] = []
+    previous: StudyScene | None = None
     for trial in plan.block(block):
-        scenes.append(study.task_in(trial.cell).scene(trial, room, scenes[-1] if scenes else None))
+        task = study.task_in(trial.cell)
+        previous = task.scene(trial, room, previous)
+        scenes.append(previous)
     return scenes
 
 
@@ -74,7 +77,11 @@ def check_services(study: Study) -> None:
         plan = plan_of(study, study.people[group])
         for block, name in enumerate(plan.order, 1):
             try:
-                scenes_of(study, plan, block, study.services(plan.block(block)[0].cell))
+                first_trial = plan.block(block)[0]
+                scenes_of(study, plan, block, study.services(first_trial.cell))
             except ConfigError as error:
-                levels = ", ".join([*plan.group.values(), *([name] if name else [])])
+                names = [*plan.group.values()]
+                if name:
+                    names.append(name)
+                levels = ", ".join(names)
                 raise ConfigError(f"{levels}: {error}" if levels else str(error)) from error

@@ -147,10 +147,12 @@ class Session:
     async def _enter(self, trial: StudyTrial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
         """Set the condition of the block of `trial`, and explain it."""
         # A running site takes the settings if they can be changed live; otherwise another one starts.
-        settings: dict[str, Any] = {**self._study.services(trial.cell), **self._setup.person}
+        block_settings = self._study.services(trial.cell)
+        settings: dict[str, Any] = {**block_settings, **self._setup.person}
         self._scenes = scenes_of(self._study, self._plan, trial.block, settings)
         if not self._setup.imu:
-            settings |= self._study.task_in(trial.cell).simulated(self._scenes[trial.place :])
+            task = self._study.task_in(trial.cell)
+            settings |= task.simulated(self._scenes[trial.place :])
         if self._site is not None and self._site.is_live(settings):
             await self._site.use(settings)
         else:
@@ -346,11 +348,12 @@ class Session:
             for scale in map(scale_of, self._study.questionnaires):
                 if answered[scale.name, str(block)] >= len(scale.items):
                     continue
+                condition = self._plan.order[block - 1]
                 common = {
                     "participant": self._participant,
                     "questionnaire": scale.name,
                     "block": block,
-                    "condition": self._plan.order[block - 1],
+                    "condition": condition,
                 }
                 values = await self._view.ask(scale, name)
                 rows = [{**common, "item": item, "value": value} for item, value in enumerate(values, 1)]

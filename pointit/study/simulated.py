@@ -28,17 +28,26 @@ def person_of(study: Study, participant: str) -> dict[str, Value]:
     rng = np.random.default_rng([study.seed, study.people.index(participant), 1])
 
     def about(median: float, spread: float, maximum: float) -> float:
-        return min(maximum, median * math.exp(spread * float(rng.standard_normal())))
+        factor = math.exp(spread * float(rng.standard_normal()))
+        return min(maximum, median * factor)
 
+    # Drawn in this order: another one would make other people of the same seed.
+    reaction_s = max(0.2, about(0.35, 0.15, 1.0))
+    elevation_bias_deg = float(rng.normal(-2.8, 2.8))
+    correction_period_s = about(0.35, 0.15, 1.0)
+    reach_per_bit_s = about(0.156, 0.2, 0.6)
+    hold_yaw_sd_deg = about(0.25, 0.25, 2.0)
+    hold_pitch_sd_deg = about(0.16, 0.25, 2.0)
+    lapse_share = about(0.005, 0.5, 0.05)
     return {
         **LIGHT,
-        "user-sim.aim.reaction_s": round(max(0.2, about(0.35, 0.15, 1.0)), 4),
-        "user-sim.aim.elevation_bias_deg": round(float(rng.normal(-2.8, 2.8)), 3),
-        "user-sim.aim.correction_period_s": round(about(0.35, 0.15, 1.0), 4),
-        "user-sim.arm.reach_per_bit_s": round(about(0.156, 0.2, 0.6), 4),
-        "user-sim.arm.hold_yaw_sd_deg": round(about(0.25, 0.25, 2.0), 4),
-        "user-sim.arm.hold_pitch_sd_deg": round(about(0.16, 0.25, 2.0), 4),
-        "user-sim.mind.lapse_share": round(about(0.005, 0.5, 0.05), 5),
+        "user-sim.aim.reaction_s": round(reaction_s, 4),
+        "user-sim.aim.elevation_bias_deg": round(elevation_bias_deg, 3),
+        "user-sim.aim.correction_period_s": round(correction_period_s, 4),
+        "user-sim.arm.reach_per_bit_s": round(reach_per_bit_s, 4),
+        "user-sim.arm.hold_yaw_sd_deg": round(hold_yaw_sd_deg, 4),
+        "user-sim.arm.hold_pitch_sd_deg": round(hold_pitch_sd_deg, 4),
+        "user-sim.mind.lapse_share": round(lapse_share, 5),
     }
 
 
@@ -60,7 +69,8 @@ class SimulatedView:
         del block
         low, high = scale.points
         steps = (high - low) // scale.step
-        return [low + scale.step * int(n) for n in self._rng.binomial(steps, 0.55, len(scale.items))]
+        numbers: list[int] = self._rng.binomial(steps, 0.55, len(scale.items)).tolist()
+        return [low + scale.step * number for number in numbers]
 
     def command(self) -> StudyCommand | None:
         """Return None: nobody interferes."""

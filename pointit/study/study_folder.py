@@ -89,7 +89,8 @@ class StudyFolder:
         # The study's file is written last: it says that the folder is complete.
         if (path / COLUMNS_FILE).exists():
             raise ConfigError(f"{path / COLUMNS_FILE} is not of this study; use another folder")
-        table = b"".join(map(table_line, [("column", "unit", "meaning"), *self.columns]))
+        rows = [("column", "unit", "meaning"), *self.columns]
+        table = b"".join(map(table_line, rows))
         write_atomically(path / COLUMNS_FILE, table, mode=0o644)
         write_atomically(study_file, source.encode(), mode=0o644)
 
@@ -106,7 +107,8 @@ class StudyFolder:
         """
         path = self.path / participant / TRIALS
         check_begun(path.parent)
-        table = AppendOnlyCsv(path, [name for name, _, _ in self.columns], ATTEMPT, self._on_note)
+        names = [name for name, _, _ in self.columns]
+        table = AppendOnlyCsv(path, names, ATTEMPT, self._on_note)
         with contextlib.ExitStack() as unless_used:
             unless_used.callback(table.close)
             check_trials(self._study, path, table.rows)
@@ -181,8 +183,9 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     about = read_yaml(path)
+    known = {name: about[name] for name in ParticipantRecord.model_fields if name in about}
     layers = Layers()
-    layers.add({name: about[name] for name in ParticipantRecord.model_fields if name in about}, str(path))
+    layers.add(known, str(path))
     layers.build(ParticipantRecord)
     return about
 

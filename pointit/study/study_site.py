@@ -259,17 +259,19 @@ class StudySite:
         site.latest.interaction.get(user)  # received from now on
         site.latest.objects.get(TRACKER)
         site.latest.pose.get(user)
-        feeds: tuple[tuple[AsyncIterator[Any], Callable[[Attempt, Any, int], None]], ...] = (
-            (site.cursors(user), Attempt.on_cursor),
-            (site.hovers(user), Attempt.on_hover),
-            (site.selections(), Attempt.on_selection),
-            (site.messages(topics.BUTTON, user), Attempt.on_press),
-            (site.messages(topics.ANNOUNCED, user), Attempt.on_announced),
-            (site.messages(topics.STEP, user), Attempt.on_step),
+        work = (
+            self._pump(site.cursors(user), Attempt.on_cursor),
+            self._pump(site.hovers(user), Attempt.on_hover),
+            self._pump(site.selections(), Attempt.on_selection),
+            self._pump(site.messages(topics.BUTTON, user), Attempt.on_press),
+            self._pump(site.messages(topics.ANNOUNCED, user), Attempt.on_announced),
+            self._pump(site.messages(topics.STEP, user), Attempt.on_step),
+            self._report(),
+            self._configure(),
+            self._follow_robots(),
+            self._follow_localization(),
+            self._follow_truth(),
         )
-        work = [self._pump(*feed) for feed in feeds]
-        work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
-        work += [self._follow_truth()]
         self._tasks = [asyncio.create_task(coroutine) for coroutine in work]
 
     async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:

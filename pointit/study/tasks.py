@@ -131,8 +131,10 @@ class TargetReach(TaskConfig):
 
         # Others are beside it, at places of a grid that leave a gap to the target and to each other.
         pitch_m = 2.0 * self.width_m
-        free = [place_m for place_m in np.arange(first_m, end_m, pitch_m) if abs(place_m - at_m) >= pitch_m]
-        others = sorted(rng.permutation(len(free))[: self.others].tolist())
+        places_m = np.arange(first_m, end_m, pitch_m)
+        free = [place_m for place_m in places_m if abs(place_m - at_m) >= pitch_m]
+        shuffled: list[int] = rng.permutation(len(free)).tolist()
+        others = sorted(shuffled[: self.others])
         places = [at_m, *(float(free[index]) for index in others)]
         objects: list[TrackedObject] = []
         for number, place_m in enumerate(places):
@@ -206,7 +208,8 @@ class Tapping(TaskConfig):
         """Return the number of the target's place, 0 or 1, and both objects on the strip."""
         line = _lines(room, (self.strip,))[self.strip]
         middle_m = line.length_m / 2.0
-        places_m = [middle_m + sign * self.distance_m / 2.0 for sign in (-1.0, 1.0)]
+        half_m = self.distance_m / 2.0
+        places_m = [middle_m - half_m, middle_m + half_m]
         if places_m[0] < self.width_m / 2.0:
             raise ConfigError(f"strip {self.strip} is too short for task.distance_m {self.distance_m:g}")
         target_place = trial.place % 2
@@ -214,7 +217,8 @@ class Tapping(TaskConfig):
         for place, place_m in enumerate(places_m):
             name = f"t{trial.number}-{place}"
             kind = TARGET if place == target_place else OTHER
-            objects.append(_on_strip(name, kind, (self.strip, place_m), line, self.width_m))
+            position = (self.strip, place_m)
+            objects.append(_on_strip(name, kind, position, line, self.width_m))
         return target_place, objects
 
     def _on_circle(self, trial: StudyTrial) -> tuple[int, list[TrackedObject]]:
@@ -268,7 +272,8 @@ class TargetPackages(TaskConfig):
             )
 
         # The target is at any place of the queue, and first in the list.
-        target_place = int(np.random.default_rng(trial.seed).integers(self.others + 1))
+        rng = np.random.default_rng(trial.seed)
+        target_place = int(rng.integers(self.others + 1))
         queue: list[ScenePackage] = []
         for place in range(self.others + 1):
             kind = TARGET if place == target_place else OTHER

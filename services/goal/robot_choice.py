@@ -183,12 +183,13 @@ def _log_density(values: Array, spread: Array, noise: Array, scales: Sequence[fl
     """Return the log density of `values` with normal errors: `spread`, and `noise` times any of `scales`."""
     covariances = spread + np.square(scales)[:, None, None] * noise
     roots = np.linalg.cholesky(covariances)
-    columns = np.broadcast_to(values, (len(roots), len(values)))[..., None]
-    whitened = np.linalg.solve(roots, columns)[..., 0]
+    rows = np.broadcast_to(values, (len(roots), len(values)))
+    whitened = np.linalg.solve(roots, rows[..., None])[..., 0]
     log_determinants = np.log(np.einsum("kii->ki", roots)).sum(axis=1)
     logs = -0.5 * np.square(whitened).sum(axis=1) - log_determinants
     log_sum = float(np.logaddexp.reduce(logs))
-    return log_sum - math.log(len(scales)) - 0.5 * len(values) * math.log(math.tau)
+    log_mean = log_sum - math.log(len(scales))
+    return log_mean - 0.5 * len(values) * math.log(math.tau)
 
 
 @dataclass(frozen=True)
@@ -405,7 +406,8 @@ def _blocks(rays: Sequence[PointingRay], pose: UserPose, block_s: float) -> RayB
 def _positions(track: _Track, times_ns: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return positions and velocities (n x 3) at `times_ns`. The robot rests before its first report."""
     base_ns, _ = track.places[0]
-    report_s = np.array([stamp_ns - base_ns for stamp_ns, _ in track.places]) / NS_PER_S
+    report_ns = [stamp_ns - base_ns for stamp_ns, _ in track.places]
+    report_s = np.array(report_ns) / NS_PER_S
     places = np.array([place for _, place in track.places], dtype=np.float64)
     times_s = np.minimum((times_ns - base_ns) / NS_PER_S, report_s[-1] + MAX_AHEAD_S)
     if len(report_s) < 2:

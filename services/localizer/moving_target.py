@@ -217,15 +217,17 @@ class Track:
             return places, np.zeros(len(stamps_ns), dtype=np.bool_)
 
         # Since the first report: as differences the nanoseconds fit into floats
-        origin_ns = self._places[0][0]
-        report_times_s = np.array([stamp_ns - origin_ns for stamp_ns, _ in self._places]) / NS_PER_S
+        origin_ns, _ = self._places[0]
+        report_times_ns = [stamp_ns - origin_ns for stamp_ns, _ in self._places]
+        report_times_s = np.array(report_times_ns) / NS_PER_S
         times_s = (stamps_ns - origin_ns) / NS_PER_S
         reports_m = np.array([position_m for _, position_m in self._places])
         for axis in range(3):
             places[:, axis] = np.interp(times_s, report_times_s, reports_m[:, axis])
 
         # `interp` extends the ends and bridges the gaps, where nothing is known
-        after = np.clip(np.searchsorted(report_times_s, times_s), 1, len(report_times_s) - 1)
+        after = np.searchsorted(report_times_s, times_s)
+        after = np.clip(after, 1, len(report_times_s) - 1)
         is_known = (times_s >= report_times_s[0]) & (times_s <= report_times_s[-1])
         is_known &= report_times_s[after] - report_times_s[after - 1] <= MAX_GAP_S
         return places, is_known

@@ -180,13 +180,14 @@ def fisher_information(targets_m: Array, eyes_m: Array, observation_model: Obser
         p x n x 4 x 4, in 1/m², 1/(m·rad), 1/rad².
     """
     # Bearing of each target from each pair of eyes
-    offsets = targets_m[None, :, :] - eyes_m[:, None, :]
+    offsets = targets_m - eyes_m[:, None, :]
+    x, y, z = offsets.transpose(2, 0, 1)
     distance = np.maximum(np.linalg.norm(offsets, axis=2), 1e-3)
-    level = np.maximum(np.hypot(offsets[..., 0], offsets[..., 1]), 1e-3)
-    east = offsets[..., 0] / level
-    north = offsets[..., 1] / level
+    level = np.maximum(np.hypot(x, y), 1e-3)
+    east = x / level
+    north = y / level
     cos_el = level / distance
-    sin_el = offsets[..., 2] / distance
+    sin_el = z / distance
 
     # Derivatives of the angles sideways (row 0) and upwards (row 1)
     slopes = np.zeros((*distance.shape, 2, 4))
@@ -212,7 +213,8 @@ def log_det_information(information_of_pose: Array) -> Array:
         information_of_pose: ... x 4 x 4, of (x, y, yaw, bias).
     """
     _, whole = np.linalg.slogdet(information_of_pose)
-    return np.asarray(whole - np.log(information_of_pose[..., 3, 3]), dtype=np.float64)
+    bias_information = information_of_pose[..., 3, 3]
+    return np.asarray(whole - np.log(bias_information), dtype=np.float64)
 
 
 def next_target(
@@ -253,7 +255,8 @@ def next_target(
         after_pair = after[:, :, None] + gained[:, None, :]
         pair_gains = log_det_information(after_pair).mean(axis=0)
         np.fill_diagonal(pair_gains, -np.inf)
-        row, column = np.unravel_index(int(np.argmax(pair_gains)), pair_gains.shape)
+        best = int(np.argmax(pair_gains))
+        row, column = np.unravel_index(best, pair_gains.shape)
         first, second = sorted((int(row), int(column)))
         return second if gains[second] > gains[first] else first
     is_least_visited = counts == counts.min()
@@ -262,18 +265,19 @@ def next_target(
 
 def prior(observation_model: ObservationModel) -> Array:
     """Return the prior information (4 x 4) about (x, y, yaw, bias)."""
-    return np.diag([VAGUE_M**-2, VAGUE_M**-2, VAGUE_RAD**-2, observation_model.bias_sigma_rad**-2])
+    sigmas = [VAGUE_M, VAGUE_M, VAGUE_RAD, observation_model.bias_sigma_rad]
+    return np.diag([sigma**-2 for sigma in sigmas])
 
 
 def _possible_places(lamps: Array) -> Array:
     """Return possible positions of people (p x 2), evenly over the room but not close to a lamp."""
     low = lamps[:, :2].min(axis=0) - AROUND_M
     high = lamps[:, :2].max(axis=0) + AROUND_M
-    east = np.linspace(float(low[0]), float(high[0]), PLACES)
-    north = np.linspace(float(low[1]), float(high[1]), PLACES)
+    east, north = np.linspace(low, high, PLACES).T
     grid = np.stack(np.meshgrid(east, north), axis=-1)
     places: Array = grid.reshape(-1, 2)
-    distances_m = np.linalg.norm(places[:, None, :] - lamps[None, :, :2], axis=2)
+    offsets = places[:, None, :] - lamps[:, :2]
+    distances_m = np.linalg.norm(offsets, axis=2)
     free: Array = places[distances_m.min(axis=1) >= NEAREST_M]
     return free if len(free) else places
 
@@ -300,7 +304,8 @@ def best_for_yaw(
     """
     lamps = np.array(lamps_m, dtype=np.float64)
     eyes = np.array([[*place_m, floor_m + observation_model.eyes_m]])
-    distances_m: Array = np.linalg.norm(lamps[:, :2] - eyes[0, :2], axis=1)
+    offsets = lamps[:, :2] - eyes[0, :2]
+    distances_m: Array = np.linalg.norm(offsets, axis=1)
     is_usable = distances_m >= NEAREST_M
     if not is_usable.any():
         return 0

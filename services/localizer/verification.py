@@ -161,7 +161,10 @@ def outlier_lamps(pointings: Pointings, settings: SolverSettings, *, floor_m: fl
             continue
 
         # Only if the pose of the others shows that they are missed by far
-        misses_rad = [_miss_rad(steady.only(numbers == number), best_fit, floor_m) for number in best]
+        misses_rad: list[float] = []
+        for number in best:
+            hold = steady.only(numbers == number)
+            misses_rad.append(_miss_rad(hold, best_fit, floor_m))
         if min(misses_rad) >= MISSED_RAD:
             return best
     return ()
@@ -218,10 +221,11 @@ def is_settled(
 
     `min_sigmas`: rms that is close enough, however few they are, in sigmas of a ray.
     """
-    level = np.hypot(pointings.directions[:, 0], pointings.directions[:, 1])
-    headings = pointings.directions[:, 0] + 1j * pointings.directions[:, 1]
+    x, y, z = pointings.directions.T
+    level = np.hypot(x, y)
+    headings = x + 1j * y
     azimuths = np.angle(headings * np.conj(headings.mean()))
-    elevations = np.arctan2(pointings.directions[:, 2], level)
+    elevations = np.arctan2(z, level)
     variance = float(np.var(azimuths * level) + np.var(elevations))
     unexplained = (1.0 - EXPLAINED) * variance
     limit_rad = settings.ray_sigma_rad * max(min_sigmas, CLOSE_PER_S * pointings.span_s)

@@ -114,7 +114,9 @@ def figures(
     # Courses that keep away from all people and above the ground
     places = np.array([person.place_m for person in people])
     keep_out_m = [person.keep_out_m for person in people]
-    offsets = courses[:, None, :, :2] - places[:, None, :2]
+    floor_courses = courses[..., :2]
+    floor_places = places[:, :2]
+    offsets = floor_courses[:, None] - floor_places[:, None]
     distances_m = np.linalg.norm(offsets, axis=3)
     is_clear = (distances_m.min(axis=2) >= keep_out_m).all(axis=1)
     if is_flying:
@@ -142,24 +144,30 @@ def position_sigmas_m(courses_m: Array, places_m: Array, duration_s: float) -> A
     count = courses_m.shape[1]
     eyes = places_m + np.array([0.0, 0.0, EYES_M])
     offset = courses_m[:, None] - eyes[:, None]
-    level = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 1e-3)
-    reach = np.hypot(level, offset[..., 2])
+    x = offset[..., 0]
+    y = offset[..., 1]
+    z = offset[..., 2]
+    level = np.maximum(np.hypot(x, y), 1e-3)
+    reach = np.hypot(level, z)
 
     # Jacobian of the direction, sideways and upwards, by x, y, yaw and elevation bias
     jacobian = np.zeros((2, *level.shape, 5))
-    jacobian[0, ..., 0] = offset[..., 1] / (level * reach)
-    jacobian[0, ..., 1] = -offset[..., 0] / (level * reach)
+    level_reach = level * reach
+    level_reach_2 = level * reach**2
+    jacobian[0, ..., 0] = y / level_reach
+    jacobian[0, ..., 1] = -x / level_reach
     jacobian[0, ..., 2] = -level / reach
-    level_reach_2 = (level * reach**2)[..., None]
-    jacobian[1, ..., :2] = offset[..., 2:] * offset[..., :2] / level_reach_2
+    jacobian[1, ..., 0] = z * x / level_reach_2
+    jacobian[1, ..., 1] = z * y / level_reach_2
     jacobian[1, ..., 3] = 1.0
 
     # By latency: the robot moves on meanwhile
     interval_s = duration_s / (count - 1)
     velocity = np.gradient(courses_m, interval_s, axis=1)[:, None]
     level_changes = jacobian[..., :2] * velocity[..., :2]
+    rise = level / reach**2 * velocity[..., 2]
     jacobian[..., 4] = -level_changes.sum(axis=-1)
-    jacobian[1, ..., 4] += level / reach**2 * velocity[..., 2]
+    jacobian[1, ..., 4] += rise
 
     # Fisher information of all independent pointings, and the bound on the position from its inverse
     jacobian /= np.reshape(SIGMA_RAD, (2, 1, 1, 1, 1))

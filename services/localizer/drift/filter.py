@@ -51,7 +51,8 @@ def innovation(means: Array, measurement: AnchorMeasurement, late_s: float) -> I
     slope[:, :, RATE] = -late_s * slope[:, :, YAW]
     measured_rad = np.array([measurement.azimuth_rad, measurement.elevation_rad])
     value = measured_rad - expected_rad
-    value[:, 0] = np.remainder(value[:, 0] + math.pi, math.tau) - math.pi
+    azimuth_errors = value[:, 0]
+    value[:, 0] = np.remainder(azimuth_errors + math.pi, math.tau) - math.pi
     return Innovation(value, slope)
 
 
@@ -86,11 +87,13 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
     slope = np.zeros((len(means), 2, means.shape[1]))
     slope[:, 0, X] = north / square
     slope[:, 0, Y] = -east / square
-    slope[:, 0, YAW] = -1.0 - (east * eye_x + north * eye_y) / square
+    along_eye = east * eye_x + north * eye_y
+    across_eye = east * eye_y - north * eye_x
+    slope[:, 0, YAW] = -1.0 - along_eye / square
     elevation_slope = -up / (square + up * up)
     slope[:, 1, X] = -elevation_slope * east / away
     slope[:, 1, Y] = -elevation_slope * north / away
-    slope[:, 1, YAW] = elevation_slope * (east * eye_y - north * eye_x) / away
+    slope[:, 1, YAW] = elevation_slope * across_eye / away
 
     azimuths = np.arctan2(north, east) - yaw
     elevations = np.arctan2(up, away)

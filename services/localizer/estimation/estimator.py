@@ -146,11 +146,12 @@ def solve(
 
 def _out_of_reach(rays: Rays, poses: Array) -> Array:
     """Return those of `poses` (k x 5) in which no target is nearer to the eyes than `NEAREST_M`."""
+    x, y, yaw, _, height = poses.T[:, :, None]
     origins = rays.origins * np.conj(rays.inverse_azimuth)
-    turned_origins = np.exp(1j * poses[:, 2])[:, None] * origins
-    places = (poses[:, 0] + 1j * poses[:, 1])[:, None]
+    turned_origins = np.exp(1j * yaw) * origins
+    places = x + 1j * y
     level = np.abs(rays.targets - places - turned_origins)
-    nearest = np.hypot(level, rays.heights - poses[:, 4, None]).min(axis=1)
+    nearest = np.hypot(level, rays.heights - height).min(axis=1)
     return np.asarray(poses[nearest >= NEAREST_M], dtype=np.float64)
 
 
@@ -211,7 +212,8 @@ def _probabilities(
 def _missed_rad(rays: Rays, pose: Array) -> Array:
     """Return the angles (n) between `rays` and the targets as seen from `pose` (5)."""
     left, above = angular_errors(rays, pose[None])
-    return np.asarray(2.0 * np.arctan(0.5 * np.hypot(left, above)), dtype=np.float64).ravel()
+    size = np.hypot(left, above)  # 2 tan(angle / 2)
+    return np.asarray(2.0 * np.arctan(0.5 * size), dtype=np.float64).ravel()
 
 
 def _pose_of(solution: Solution, centre: Array, settings: SolverSettings) -> Array:
@@ -227,7 +229,8 @@ def check_solution(
 ) -> Solution | Refusal:
     """Return `solution`, or the refusal if it is not good enough."""
     residual_rad = solution.residual_rad
-    distance_m = float(np.median(np.abs(rays.targets - complex(*place_m))))
+    distances_m = np.abs(rays.targets - complex(*place_m))
+    distance_m = float(np.median(distances_m))
     is_finite = math.isfinite(distance_m + residual_rad)
     is_finite = is_finite and bool(np.isfinite(solution.covariance).all())
     if distance_m > FARTHEST_TARGET_M or not is_finite:
@@ -292,6 +295,8 @@ def _stated_uncertainty(solution: Solution, settings: SolverSettings) -> str:
 
 
 def _is_one_view(rays: Rays) -> bool:
-    turns_rad = np.angle(rays.inverse_azimuth * np.conj(rays.inverse_azimuth[0]))
-    spread_rad = float(np.ptp(turns_rad)) * float(np.min(rays.elevation_phasor.real))
+    first = rays.inverse_azimuth[0]
+    turns_rad = np.angle(rays.inverse_azimuth * np.conj(first))
+    least_level = float(np.min(rays.elevation_phasor.real))
+    spread_rad = float(np.ptp(turns_rad)) * least_level
     return spread_rad < SAME_VIEW_RAD and float(np.ptp(rays.elevations_rad)) < SAME_VIEW_RAD

@@ -298,8 +298,9 @@ def minimize(rays: Rays, poses: Array, weights: Weights) -> Array:
         diagonals = hessians.diagonal(axis1=1, axis2=2)
         added = damping[:, None] * diagonals + _TINY
         damped = hessians + added[:, :, None] * _EYE
+        descents = -slopes[:, :, None]
         try:
-            solved: Array = np.linalg.solve(damped, -slopes[:, :, None])
+            solved = np.asarray(np.linalg.solve(damped, descents), dtype=np.float64)
         except np.linalg.LinAlgError:  # a pose lies exactly in a target, where the slope vanishes
             break
         steps: Array = solved[:, :, 0]

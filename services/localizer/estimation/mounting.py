@@ -150,16 +150,19 @@ def mounting_slope(
     place_m = np.array([solution.x_m, solution.y_m, floor_m])
     rays = settings.rays(means, place_m)
     weights = settings.weights()
-    weights = replace(weights, sigma_rad=weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]]))
+    sigma_rad = weights.sigma_rad * np.array([[1.0], [FREE_ELEVATION]])
+    weights = replace(weights, sigma_rad=sigma_rad)
     bias_rad = solution.bias_rad - settings.bias_rad
     start = np.array([[0.0, 0.0, solution.yaw_rad, bias_rad, solution.z_m]])
     pose = minimize(rays, start, weights)[0]
 
     # Elevations of the target from its eyes, about their mean
     x_m, y_m, yaw_rad, _, _ = pose.tolist()
-    turned_origins: Complex = np.exp(1j * yaw_rad) * rays.origins * np.conj(rays.inverse_azimuth)
+    azimuth_phasor = np.conj(rays.inverse_azimuth)
+    turned_origins: Complex = np.exp(1j * yaw_rad) * rays.origins * azimuth_phasor
     eyes = complex(x_m, y_m) + turned_origins
-    expected_rad: Array = np.arctan2(rays.heights - pose[4], np.abs(rays.targets - eyes))
+    level = np.abs(rays.targets - eyes)
+    expected_rad: Array = np.arctan2(rays.heights - pose[4], level)
     expected_rad -= expected_rad.mean()
     spread_rad = float(np.sqrt(np.mean(expected_rad**2)))
     if spread_rad < MIN_SPREAD_RAD or freedom <= 0.0:

@@ -95,10 +95,12 @@ def blocks(pointings: Pointings) -> Blocks:
     since_first_s = stamps_s - stamps_s[first][hold]
     block_number = np.floor(since_first_s / block_s)
     is_next_block = block_number[1:] > block_number[:-1]
-    turn_cosines = np.einsum("ij,ij->i", pointings.directions[1:], pointings.directions[:-1])
+    previous = pointings.directions[:-1]
+    turn_cosines = np.einsum("ij,ij->i", pointings.directions[1:], previous)
     begins[1:] |= is_next_block | (turn_cosines < math.cos(LEAP_RAD))
     block_starts = np.flatnonzero(begins)
-    samples = np.diff(np.append(block_starts, len(stamps_s))).astype(np.float64)
+    bounds = np.append(block_starts, len(stamps_s))
+    samples = np.diff(bounds).astype(np.float64)
 
     def mean(values: Array) -> Array:
         sums = np.add.reduceat(values, block_starts, axis=0)
@@ -108,10 +110,12 @@ def blocks(pointings: Pointings) -> Blocks:
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     means_m = mean(targets)
     means = Pointings(stamps_s[block_starts], mean(pointings.origins_m), directions, means_m)
-    velocities_mps = _velocities(mean(stamps_s[:, None]), means_m, hold[block_starts])
+    mean_stamps_s = mean(stamps_s[:, None])
+    velocities_mps = _velocities(mean_stamps_s, means_m, hold[block_starts])
 
     # At rest, all holds at a target are one
-    is_still = bool(np.abs(targets - targets[first][hold]).max() <= STILL_M)
+    moved_m = np.abs(targets - targets[first][hold])
+    is_still = bool(moved_m.max() <= STILL_M)
     if is_still:
         hold = _lamp_numbers(targets[first])[hold]
     block_hold = hold[block_starts].astype(np.float64)
@@ -138,8 +142,9 @@ def _lamp_numbers(targets_m: Array) -> NDArray[np.intp]:
 def _begins(pointings: Pointings) -> NDArray[np.bool_]:
     """Return True (n) for the first sample of each hold."""
     begins = np.ones(len(pointings), dtype=np.bool_)
-    moves = (np.abs(np.diff(pointings.targets_m, axis=0)) > JUMP_M).any(axis=1)
-    begins[1:] = (np.diff(pointings.stamps_s) > GAP_S) | moves
+    steps_m = np.abs(np.diff(pointings.targets_m, axis=0))
+    jumps = (steps_m > JUMP_M).any(axis=1)
+    begins[1:] = (np.diff(pointings.stamps_s) > GAP_S) | jumps
     return begins
 
 
@@ -148,7 +153,8 @@ def in_time(pointings: Pointings, latency_s: float, means: Blocks | None = None)
     if latency_s == 0.0 or not len(pointings):
         return pointings
     means = means or blocks(pointings)
-    moves_m = latency_s * np.repeat(means.velocities_mps, means.samples.astype(np.intp), axis=0)
+    counts = means.samples.astype(np.intp)
+    moves_m = latency_s * np.repeat(means.velocities_mps, counts, axis=0)
     return replace(pointings, targets_m=pointings.targets_m + moves_m)
 
 
@@ -160,4 +166,5 @@ def _velocities(times_s: Array, places_m: Array, hold: NDArray[np.intp]) -> Arra
     before = np.maximum(index - 1, 0)
     before = np.where(hold[before] == hold, before, index)
     steps_s = np.maximum(times_s[after] - times_s[before], SHORTEST_S)
-    return np.asarray((places_m[after] - places_m[before]) / steps_s, dtype=np.float64)
+    steps_m = places_m[after] - places_m[before]
+    return np.asarray(steps_m / steps_s, dtype=np.float64)

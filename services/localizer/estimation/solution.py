@@ -260,7 +260,8 @@ def _considered(rays: Rays) -> Array:
     # Exaggerated elevations and azimuths
     turns[2, 1] = rays.elevations_rad - rays.elevations_rad.mean()
     mean_phasor = phasor.mean()
-    turns[3, 0] = (phasor * np.conj(mean_phasor)).imag * cos_elevation
+    from_mean = phasor * np.conj(mean_phasor)
+    turns[3, 0] = from_mean.imag * cos_elevation
     return turns
 
 
@@ -275,7 +276,9 @@ def _inverse(information: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(information)
     is_known = values > MIN_INFORMATION
     known = vectors[:, is_known]
-    return np.asarray((known / values[is_known]) @ known.T, dtype=np.float64), vectors[:, ~is_known]
+    scaled = known / values[is_known]
+    inverse = np.asarray(scaled @ known.T, dtype=np.float64)
+    return inverse, vectors[:, ~is_known]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -460,9 +463,11 @@ class Solution:
 
         From another place that fits, too, the right one would be selected by chance: it counts as wrong.
         """
-        covariance = self.scatter * self.timely + np.outer(self.latency_shift, self.latency_shift)
-        values, vectors = np.linalg.eigh(covariance)
-        x, y, yaw_rad = vectors * np.sqrt(np.maximum(values, 0.0)) @ DRAWS.T
+        latency_covariance = np.outer(self.latency_shift, self.latency_shift)
+        covariance = self.scatter * self.timely + latency_covariance
+        variances, axes = np.linalg.eigh(covariance)
+        root = axes * np.sqrt(np.maximum(variances, 0.0))
+        x, y, yaw_rad = root @ DRAWS.T
         return (1.0 - self.alternative) * right_share(x + 1j * y, yaw_rad)
 
     def is_near(self, other: "Solution") -> bool:
@@ -491,9 +496,11 @@ class Solution:
 def right_share(shift_m: Complex, turned_rad: Array) -> float:
     """Return the share of `THINGS` that people select who stand and are turned otherwise than assumed (k)."""
     things: Complex = THINGS[:, None]
-    rays: Complex = (things - shift_m) * np.exp(-1j * turned_rad) * np.conj(things)
+    turn = np.exp(-1j * turned_rad)
+    rays: Complex = (things - shift_m) * turn * np.conj(things)
     min_cosine = math.cos(math.pi / len(THINGS))
-    return float(np.mean(rays.real >= min_cosine * np.abs(rays)))
+    is_right = rays.real >= min_cosine * np.abs(rays)
+    return float(np.mean(is_right))
 
 
 @dataclass(frozen=True)

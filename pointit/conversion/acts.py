@@ -193,7 +193,8 @@ class ActDetector:
         for user in {**self._acts, **self._ended_acts}:
             self._end(user)
             self._write(user)
-        self.selections += (*filter(None, self._pending.values()), *self._selected.values())
+        self.selections += filter(None, self._pending.values())
+        self.selections += self._selected.values()
         self._selected.clear()
 
     def _begin(self, user: str, object_id: str, now_ns: int) -> _OpenAct:
@@ -249,11 +250,8 @@ class ActDetector:
         )
         if act is None:
             return row
-        of_act = {
-            "pointed_s": (event.stamp_ns - act.begin_ns) / NS_PER_S,
-            "range_m": act.range_m,
-            "miss_rad": act.miss_rad,
-        }
+        pointed_s = (event.stamp_ns - act.begin_ns) / NS_PER_S
+        of_act = {"pointed_s": pointed_s, "range_m": act.range_m, "miss_rad": act.miss_rad}
         return row.model_copy(update=of_act)
 
     def _close_selection(self, event: SelectionEvent) -> None:
@@ -265,11 +263,14 @@ class ActDetector:
         if event.event in ("selected", "deselected"):  # taken over by another person, or ended by one
             ended_by = "deselected"
             ended_user = event.user
+        if event.takes_back:
+            ended_by = "failed"
+        kept_s = (event.stamp_ns - row.selected_ns) / NS_PER_S
         changes = {
-            "ended_by": "failed" if event.takes_back else ended_by,
+            "ended_by": ended_by,
             "ended_s": self._s(event.stamp_ns),
             "ended_user": ended_user,
-            "kept_s": (event.stamp_ns - row.selected_ns) / NS_PER_S,
+            "kept_s": kept_s,
             "bay": event.bay,
         }
         row = row.model_copy(update=changes)
@@ -302,12 +303,14 @@ class ActDetector:
             range_m=act.range_m,
             miss_rad=act.miss_rad,
         )
-        if act.event is not None:
+        event = act.event
+        if event is not None:
+            outcome_after_s = (event.stamp_ns - act.begin_ns) / NS_PER_S
             of_event = {
-                "object_kind": act.kind or act.event.kind,
-                "outcome_after_s": (act.event.stamp_ns - act.begin_ns) / NS_PER_S,
-                "cause": act.event.cause,
-                "confidence": act.event.confidence,
+                "object_kind": act.kind or event.kind,
+                "outcome_after_s": outcome_after_s,
+                "cause": event.cause,
+                "confidence": event.confidence,
             }
             row = row.model_copy(update=of_event)
         self.acts.append(row)

@@ -113,7 +113,8 @@ def export_bids(
             rows: dict[Path, int] = {}
             for person, prefix in prefixes.items():
                 rows |= recorded.write(person, prefix, task, staging, folder)
-            _write_dataset(staging, folder, [prefix.partition("_")[0] for prefix in prefixes.values()])
+            subjects = [prefix.partition("_")[0] for prefix in prefixes.values()]
+            _write_dataset(staging, folder, subjects)
             outdated = _files_of(prefixes.values(), existing)
             if outdated and not overwrite:
                 raise ConfigError(
@@ -198,9 +199,11 @@ class _RecordedMotion:
             case UserPose():
                 cells = _cells("feet", "POS", message.position_m, "m")
                 yaw_channel = BidsChannel("feet", "ORNT", "z", "rad", "room")
-                self._add(name, "pose", message.stamp_ns, [*cells, (yaw_channel, message.yaw_rad)])
+                cells.append((yaw_channel, message.yaw_rad))
+                self._add(name, "pose", message.stamp_ns, cells)
             case Cursor():
-                self._add(name, "cursor", message.stamp_ns, _cells("cursor", "POS", message.point_m, "m"))
+                cells = _cells("cursor", "POS", message.point_m, "m")
+                self._add(name, "cursor", message.stamp_ns, cells)
             case TrackedObjects():
                 self._add_objects(name, message)
             case SelectionEvent() | ActOutcome():
@@ -217,7 +220,8 @@ class _RecordedMotion:
     ) -> None:
         if person:
             self.people.add(person)
-        self._tables.setdefault((person, system), BidsTable()).add(stamp_ns, cells)
+        table = self._tables.setdefault((person, system), BidsTable())
+        table.add(stamp_ns, cells)
 
     def _add_objects(self, tracker: str, message: TrackedObjects) -> None:
         cells: list[tuple[BidsChannel, float]] = []
@@ -293,14 +297,16 @@ def _scan_lines(path: Path, outdated: str, names: Iterable[str], onset_ns: int) 
     new_lines: list[str] = []
     for name in names:
         cells = {"filename": name, "acq_time": acquired}
-        new_lines.append("\t".join(cells.get(column, MISSING) for column in columns))
+        row = [cells.get(column, MISSING) for column in columns]
+        new_lines.append("\t".join(row))
     return [header, *others, *new_lines]
 
 
 def _imu_cells(sample: ImuSample) -> list[tuple[BidsChannel, float]]:
     cells: list[tuple[BidsChannel, float]] = []
     for component, value in zip(QUATERNION, sample.orientation_xyzw, strict=True):
-        cells.append((BidsChannel("arm", "ORNT", component, MISSING, "person", "forearm"), value))
+        channel = BidsChannel("arm", "ORNT", component, MISSING, "person", "forearm")
+        cells.append((channel, value))
     cells += _cells("arm", "GYRO", sample.angular_velocity_radps, "rad/s", "arm", placement="forearm")
     return cells + _cells("arm", "ACCEL", sample.acceleration_mps2, "m/s^2", "arm", placement="forearm")
 
@@ -315,10 +321,11 @@ def _cells(
     placement: str = MISSING,
     owner: str = "",
 ) -> list[tuple[BidsChannel, float]]:
-    return [
-        (BidsChannel(point, kind, component, unit, frame, placement, owner), value)
-        for component, value in zip(AXES, values or (), strict=False)
-    ]
+    cells: list[tuple[BidsChannel, float]] = []
+    for component, value in zip(AXES, values or (), strict=False):
+        channel = BidsChannel(point, kind, component, unit, frame, placement, owner)
+        cells.append((channel, value))
+    return cells
 
 
 def _event_lines(events: Sequence[SelectionEvent], onset_ns: int) -> Iterator[str]:
@@ -326,7 +333,7 @@ def _event_lines(events: Sequence[SelectionEvent], onset_ns: int) -> Iterator[st
     for event in sorted(events, key=lambda event: event.stamp_ns):
         onset = f"{(event.stamp_ns - onset_ns) / NS_PER_S:.6f}"
         texts = (event.event, event.object_id, event.kind, event.cause)
-        yield "\t".join((onset, MISSING, *(_text_cell(text) for text in texts)))
+        yield "\t".join((onset, MISSING, *map(_text_cell, texts)))
 
 
 def _text_cell(text: str, default: str = MISSING) -> str:

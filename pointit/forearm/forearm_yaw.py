@@ -143,7 +143,7 @@ def solve_lasting(linearization: Linearization) -> YawStep | None:
 
     # Generalized least squares for each size and duration of the lasting error
     mean_ages_s = means[:, -1]
-    apart_s = np.abs(mean_ages_s[:, None] - mean_ages_s[None, :])
+    apart_s = np.abs(mean_ages_s[:, None] - mean_ages_s)
     precision = linearization.precision
     steps = list[Array]()
     variances = list[float]()
@@ -167,14 +167,16 @@ def solve_lasting(linearization: Linearization) -> YawStep | None:
         # Restricted log-likelihood, up to a constant
         remaining = residuals - matrix @ step
         offset = linearization.offset + step
-        misfit = float(remaining @ remaining) + float(offset @ precision @ offset)
+        prior_misfit = float(offset @ precision @ offset)
+        misfit = float(remaining @ remaining) + prior_misfit
         log_root = float(np.log(np.diag(root)).sum())
         _, log_det = np.linalg.slogdet(information)
         log_volume = 6.0 * log_root + float(log_det)
         scores.append(-0.5 * (misfit + log_volume))
 
         # Noise of the turns themselves shows no yaw
-        yaw_information = 1.0 / float(inverse[0, 0]) - 2.0 * count
+        yaw_variance = float(inverse[0, 0])
+        yaw_information = 1.0 / yaw_variance - 2.0 * count
         variances.append(1.0 / yaw_information if yaw_information > 0.0 else math.inf)
 
     return _average_step(steps, variances, scores)
@@ -192,7 +194,8 @@ def _average_step(
     shares = likelihoods[is_likely] / likelihoods[is_likely].sum()
     likely_steps = np.array(steps)[is_likely]
     mean_step = shares @ likely_steps
-    spreads = (likely_steps[:, 0] - mean_step[0]) ** 2
+    yaw_steps = likely_steps[:, 0]
+    spreads = (yaw_steps - mean_step[0]) ** 2
     likely_variances = np.array(variances)[is_likely]
     variance = MIN_SIGMA_RAD**2 + float(shares @ (likely_variances + spreads))
     return YawStep(mean_step, variance) if math.isfinite(variance) else None
@@ -347,7 +350,8 @@ class ForearmYaw:
         estimate = self._estimate.aged(now_ns)
         turns = _Turns.of(newest)
         residuals = turns.residuals(estimate.yaw_rad, mount, estimate.delay_s)
-        self._level_rad = abs(float(np.median(residuals[:, 2])))
+        vertical_rad = float(np.median(residuals[:, 2]))
+        self._level_rad = abs(vertical_rad)
         squares = (residuals**2).mean(axis=1)
         limit = MAX_NOISE_RAD**2 + estimate.sigma_rad**2
         if float(np.median(squares)) > limit:
@@ -398,7 +402,8 @@ class ForearmYaw:
 
         # Those of which the estimate is made, only while the arm moves
         if self._pairs:
-            cosine = min(1.0, abs(float(middle_body @ self._pairs[-1].body)))
+            last_pair = self._pairs[-1]
+            cosine = min(1.0, abs(float(middle_body @ last_pair.body)))
             turn_rad = 2.0 * math.acos(cosine)
             if turn_rad >= MIN_TURN_RAD:
                 self._moved_ns = middle_ns
@@ -462,7 +467,8 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
     columns = np.zeros((len(pairs), 3, 6))
     columns[:, 2, 0] = 1.0
     columns[:, :, 4] = rates
-    columns[:, 2, 5] = (stamps_ns - stamps_ns[-1]) / NS_PER_S
+    ages_s = (stamps_ns - stamps_ns[-1]) / NS_PER_S
+    columns[:, 2, 5] = ages_s
 
     # Start: yaw, turn of the mount (3), delay, drift of the yaw; and the mount that fits on average
     parameters = np.zeros(6)
@@ -473,7 +479,7 @@ def _solve(pairs: list[_Pair]) -> _Fit | str | None:
     def linearize() -> Linearization:
         turned = _about_z(parameters[0]) * arms
         residuals = turns.residuals(parameters[0], mount, parameters[4])
-        residuals[:, 2] -= parameters[5] * columns[:, 2, 5]
+        residuals[:, 2] -= parameters[5] * ages_s
         columns[:, :, 1:4] = turned.as_matrix()
         lengths = np.linalg.norm(residuals, axis=1)
         limit_rad = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
@@ -521,7 +527,8 @@ def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:
     """Return the yaw by which the axes of turns agree. How the body sits on the arm does not matter."""
     # Turns between all pairs of some samples, evenly over the time
     count = min(len(arm_rotations), 40)
-    chosen = np.linspace(0, len(arm_rotations) - 1, count).astype(int)
+    last = len(arm_rotations) - 1
+    chosen = np.linspace(0, last, count).astype(int)
     first_indices, second_indices = np.triu_indices(count, 1)
     first = chosen[first_indices]
     second = chosen[second_indices]
@@ -532,5 +539,6 @@ def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:
     ax, ay, _ = a.T
     bx, by, _ = b.T
     cross = float((ax * by - ay * bx).sum())
-    dot = float((a[:, :2] * b[:, :2]).sum())
+    products = a[:, :2] * b[:, :2]
+    dot = float(products.sum())
     return math.atan2(cross, dot)

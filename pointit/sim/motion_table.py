@@ -122,7 +122,8 @@ class MotionTable:
             time_column = declared.get(TIME)
             if time_column is not None and time_column.counter_bits:
                 index = self._time_index
-                values[:, index] = unwrapped(values[:, index], time_column.counter_bits)
+                counts = values[:, index]
+                values[:, index] = unwrapped(counts, time_column.counter_bits)
         except ConfigError as error:
             raise ConfigError(f"{path}: {error}") from error
 
@@ -391,8 +392,9 @@ class MotionTable:
         ends = np.flatnonzero(edges).reshape(-1, 2)
 
         # A gap lasts from the sample before it to the one after it
-        before = np.maximum(ends[:, 0] - 1, 0)
-        after = np.minimum(ends[:, 1], len(times_s) - 1)
+        starts, stops = ends.T
+        before = np.maximum(starts - 1, 0)
+        after = np.minimum(stops, len(times_s) - 1)
         longest_s = float((times_s[after] - times_s[before]).max())
         plural = "" if len(ends) == 1 else "s"
         gaps = f"{len(ends)} gap{plural} of up to {longest_s:.2f} s"
@@ -448,7 +450,8 @@ def _layout(
     for group in optional:
         if declared.keys() & {*group}:
             groups.append(group)
-    wanted: dict[str, str | int] = {name: name for name in itertools.chain(*groups)}
+    names = [*itertools.chain(*groups)]
+    wanted: dict[str, str | int] = dict(zip(names, names, strict=True))
     for name, column in declared.items():
         if name in known:
             wanted[name] = column.source

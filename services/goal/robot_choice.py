@@ -125,7 +125,8 @@ def log_likelihoods(
     """
     # Errors within a pointing, and directions of an arm at no robot: a constant, and a random walk
     ages = blocks.ages_s
-    centre = np.array([blocks.angles[:, 0].mean(), DOWNWARDS_RAD])
+    mean_azimuth = blocks.angles[:, 0].mean()
+    centre = np.array([mean_azimuth, DOWNWARDS_RAD])
     no_target = (blocks.angles - centre).T.ravel()
     noise = _of_both_axes(_correlated(ages, settings))
     same_for_all = np.ones((len(ages), len(ages)))
@@ -144,14 +145,16 @@ def log_likelihoods(
         for miss, spread in zip(missed, spreads, strict=True):
             late_spread = _submatrix(spread, late)
             late_logs.append(_log_density(miss[late], late_spread, late_noise, settings.scales))
-        late_logs.append(_log_density_at_none(no_target[late], _submatrix(roams, late), late_noise, settings))
+        late_roams = _submatrix(roams, late)
+        late_logs.append(_log_density_at_none(no_target[late], late_roams, late_noise, settings))
         early_log = 0.0
         if len(early):
             early_roams = _submatrix(roams, early)
             early_noise = _submatrix(noise, early)
             early_log = _log_density_at_none(no_target[early], early_roams, early_noise, settings)
         logs.append(math.log(odds) + early_log + np.array(late_logs))
-    return np.asarray(np.logaddexp.reduce(np.stack(logs)), dtype=np.float64)
+    total = np.logaddexp.reduce(np.stack(logs))
+    return np.asarray(total, dtype=np.float64)
 
 
 def _submatrix(matrices: Array, rows: NDArray[np.intp]) -> Array:
@@ -287,7 +290,8 @@ class RobotIdentifier:
 
         # Posterior, with the prior in the same order
         beside = settings.none_prior * settings.beside_share
-        shares = np.array([1.0 - settings.none_prior, beside]) / len(tracks)
+        at_robot = 1.0 - settings.none_prior
+        shares = np.array([at_robot, beside]) / len(tracks)
         prior_of_robots = np.repeat(shares, len(tracks))
         prior = np.append(prior_of_robots, settings.none_prior - beside)
         odds = prior * np.exp(logs - logs.max())
@@ -336,15 +340,17 @@ class RobotIdentifier:
         level = np.maximum(np.hypot(x, y), 1e-3)
         reach = np.hypot(level, z)
         flat = np.maximum(level / reach, MIN_LEVEL)
-        turn = np.arctan2(y, x) - blocks.angles[:, 0]
+        azimuths, elevations = blocks.angles.T
+        turn = np.arctan2(y, x) - azimuths
         wrapped = np.remainder(turn + math.pi, math.tau) - math.pi
         sideways = wrapped * flat
-        upwards = np.arctan2(z, level) - blocks.angles[:, 1]
+        upwards = np.arctan2(z, level) - elevations
 
         # Derivatives of these by place (x, y, z), yaw with aim, elevation, latency
         slope = np.zeros((2, len(level), 6))
-        slope[0, :, 0] = -y / level**2 * flat
-        slope[0, :, 1] = x / level**2 * flat
+        level_2 = level**2
+        slope[0, :, 0] = -y / level_2 * flat
+        slope[0, :, 1] = x / level_2 * flat
         reach_2 = reach**2
         level_reach_2 = level * reach_2
         slope[1, :, 0] = -z * x / level_reach_2
@@ -360,13 +366,15 @@ class RobotIdentifier:
         pose_rows = np.ix_([0, 1, 3], [0, 1, 3])
         stated = np.array(pose.covariance).reshape(3, 3)
         errors[pose_rows] = _nearest_covariance(stated)
-        level_m2 = settings.body_sigma_m**2 + track.position_sigma_m**2 + beside_m**2
-        height_m2 = settings.height_sigma_m**2 + track.position_sigma_m**2
+        robot_m2 = track.position_sigma_m**2
+        level_m2 = settings.body_sigma_m**2 + robot_m2 + beside_m**2
+        height_m2 = settings.height_sigma_m**2 + robot_m2
         lasting = np.square([settings.aim_sigma_rad, settings.bias_sigma_rad, settings.latency_sigma_s])
         independent = [level_m2, level_m2, height_m2, *lasting]
         rows = slope.reshape(-1, 6)
+        missed = np.concatenate([sideways, upwards])
         spread = rows @ (errors + np.diag(independent)) @ rows.T
-        return np.concatenate([sideways, upwards]), np.asarray(spread, dtype=np.float64)
+        return missed, np.asarray(spread, dtype=np.float64)
 
 
 def _nearest_covariance(stated: Array) -> Array:
@@ -381,7 +389,8 @@ def _blocks(rays: Sequence[PointingRay], pose: UserPose, block_s: float) -> RayB
     # Index of the first ray of each block, and number of rays
     stamps = np.array([ray.stamp_ns for ray in rays], dtype=np.int64)
     numbers = (stamps[-1] - stamps) // round(block_s * NS_PER_S)
-    first = np.flatnonzero(np.append(True, np.diff(numbers) != 0))
+    is_next = np.diff(numbers) != 0
+    first = np.flatnonzero(np.append(True, is_next))
     counts = np.diff(np.append(first, len(stamps)))
 
     # Eyes and directions, turned from {H} into {W}
@@ -409,14 +418,17 @@ def _positions(track: _Track, times_ns: NDArray[np.int64]) -> tuple[Array, Array
     report_ns = [stamp_ns - base_ns for stamp_ns, _ in track.places]
     report_s = np.array(report_ns) / NS_PER_S
     places = np.array([place for _, place in track.places], dtype=np.float64)
-    times_s = np.minimum((times_ns - base_ns) / NS_PER_S, report_s[-1] + MAX_AHEAD_S)
+    newest_s = report_s[-1] + MAX_AHEAD_S
+    times_s = np.minimum((times_ns - base_ns) / NS_PER_S, newest_s)
     if len(report_s) < 2:
-        return np.repeat(places, len(times_ns), axis=0), np.zeros((len(times_ns), 3))
+        count = len(times_ns)
+        return np.repeat(places, count, axis=0), np.zeros((count, 3))
     leg_s = np.maximum(np.diff(report_s), MIN_STEP_S)
     leg_velocities = np.diff(places, axis=0) / leg_s[:, None]
     reports_before = np.searchsorted(report_s, times_s)
     leg = np.clip(reports_before - 1, 0, len(leg_velocities) - 1)
-    velocities = np.where((times_s < 0.0)[:, None], 0.0, leg_velocities[leg])
+    is_at_rest = times_s < 0.0
+    velocities = np.where(is_at_rest[:, None], 0.0, leg_velocities[leg])
     since_s = times_s - report_s[leg]
     positions = places[leg] + since_s[:, None] * velocities
     return positions, velocities

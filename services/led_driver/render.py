@@ -135,7 +135,8 @@ class Layout:
         self.at_m: Array = at_m[order]
         pixels = _joined([run.pixels for run in runs]).astype(np.intp)
         self.pixels: Indices = pixels[order]
-        self.run: Indices = np.repeat(np.arange(len(runs)), sizes)[order]
+        run_of_entry = np.repeat(np.arange(len(runs)), sizes)
+        self.run: Indices = run_of_entry[order]
         self.number: Indices = _counted_up(sizes)[order]
 
         # Those of every run
@@ -237,7 +238,8 @@ class Layout:
         ends = np.cumsum([len(run.pixels) for run in runs])
         self._run_bounds: Indices = np.r_[0, ends].astype(np.intp)
         """First row of each run."""
-        self._run_at_m: list[float] = _joined([run.at_m for run in runs]).tolist()
+        run_at_m = _joined([run.at_m for run in runs])
+        self._run_at_m: list[float] = run_at_m.tolist()
         self._run_from_m: Array = _joined([run.from_m for run in runs])
         self._run_from_list_m: list[float] = self._run_from_m.tolist()
         self._run_to_m: Array = _joined([run.to_m for run in runs])
@@ -263,7 +265,9 @@ def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:
     at_m: Array = middles / (strip.pixels / line.length_m)
     pixels = np.arange(first, first + strip.pixels)
     pitch_m = line.length_m / strip.pixels
-    bounds_m[[0, -1]] += np.array([-1.0, 1.0]) * _ROUNDING * pitch_m
+    rounding_m = _ROUNDING * pitch_m
+    bounds_m[0] -= rounding_m
+    bounds_m[-1] += rounding_m
     if strip.direction != 1:
         pixels = pixels[::-1]
     run = _Run(
@@ -295,8 +299,9 @@ def _runs_beside(line: Polyline, reach_m: float, strips: list[tuple[_Run, Array]
         # Where the strip goes away from the line and comes back, the next run begins
         is_gap = np.diff(along_m) > 2.0 * run.pitch_m
         gaps = np.flatnonzero(is_gap) + 1
-        runs = zip(np.split(pixels, gaps), np.split(along_m, gaps), strict=True)
-        for part, part_m in runs:
+        parts = np.split(pixels, gaps)
+        parts_m = np.split(along_m, gaps)
+        for part, part_m in zip(parts, parts_m, strict=True):
             if len(part):
                 yield _run_along(part, part_m, run.pitch_m)
 
@@ -318,7 +323,8 @@ def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
 
 def _counted_up(counts: Sequence[int]) -> Indices:
     """Return the numbers from 0 up to each of `counts`, one behind the other."""
-    return _joined([np.arange(count) for count in counts]).astype(np.intp)
+    numbers = [np.arange(count) for count in counts]
+    return _joined(numbers).astype(np.intp)
 
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -365,7 +371,9 @@ def tails(
     length_m[layout.narrow(lines, 2.0 * half_m)] = 0.0
     if not length_m.any():
         return None
-    return np.where(speed_mps > 0.0, length_m, 0.0), np.where(speed_mps < 0.0, length_m, 0.0)
+    behind_m = np.where(speed_mps > 0.0, length_m, 0.0)
+    ahead_m = np.where(speed_mps < 0.0, length_m, 0.0)
+    return behind_m, ahead_m
 
 
 class Renderer:
@@ -496,7 +504,8 @@ class Renderer:
             )
 
         # Margins are drawn over both, in alternating colours
-        margin = np.where(segments.thin[segment_of_entry], np.minimum(margin, 1), margin)
+        is_thin = segments.thin[segment_of_entry]
+        margin = np.where(is_thin, np.minimum(margin, 1), margin)
         colors = segments.margins[segment_of_entry]
         # each end begins with another colour if there are more colours than pixels
         offset = (last < first) * np.maximum(colors - margin, 0)
@@ -525,7 +534,8 @@ class Renderer:
             begins = np.ones(len(pixels), dtype=np.bool_)
             np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
             group = np.cumsum(begins) - 1
-            rank = np.arange(len(pixels)) - np.flatnonzero(begins)[group]
+            first_of_group = np.flatnonzero(begins)
+            rank = np.arange(len(pixels)) - first_of_group[group]
             cursors_of_pixel = np.bincount(group)[group]
             shown = rank == layout.wire[pixels] % cursors_of_pixel
             pixels = pixels[shown]
@@ -534,7 +544,8 @@ class Renderer:
 
 
 def _whole(pixels: Array) -> Indices:
-    return np.minimum(np.maximum(pixels + _ROUNDING, 0.0), _MANY).astype(np.intp)
+    rounded = np.maximum(pixels + _ROUNDING, 0.0)
+    return np.minimum(rounded, _MANY).astype(np.intp)
 
 
 def _draw_patterns(

@@ -161,10 +161,7 @@ def outlier_lamps(pointings: Pointings, settings: SolverSettings, *, floor_m: fl
             continue
 
         # Only if the pose of the others shows that they are missed by far
-        misses_rad: list[float] = []
-        for number in best:
-            hold = steady.only(numbers == number)
-            misses_rad.append(_miss_rad(hold, best_fit, floor_m))
+        misses_rad = [_miss_rad(steady.only(numbers == number), best_fit, floor_m) for number in best]
         if min(misses_rad) >= MISSED_RAD:
             return best
     return ()

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
@@ -14,7 +14,7 @@ from pointit.geometry.ray_cast import SAME, RayCaster, SolidCaster
 from pointit.geometry.solids import BoxSolid, CylinderSolid, PlaneSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from pointit.runtime.host.extras import import_room
-from pointit.schemas import Environment
+from pointit.schemas import Belt, Environment, Strip
 from pointit.schemas.pointing import Solid as SolidName
 from pointit.schemas.pointing import SurfaceKind
 
@@ -117,9 +117,9 @@ def shapes_of(environment: Environment, kinds: Collection[Kind], clouds: Clouds)
     """
     shapes = _reacting_shapes(environment)
     if "strip" in kinds:
-        shapes += [Shape(Surface("strip", strip.id), Polyline(strip.line_m)) for strip in environment.strips]
+        shapes += _line_shapes("strip", environment.strips)
     if "belt" in kinds:
-        shapes += [Shape(Surface("belt", belt.id), Polyline(belt.line_m)) for belt in environment.belts]
+        shapes += _line_shapes("belt", environment.belts)
     if "lamp" in kinds:
         shapes += [Shape(Surface("lamp", lamp.id), lamp.position_m) for lamp in environment.lamps]
     if "points" in kinds:
@@ -129,6 +129,11 @@ def shapes_of(environment: Environment, kinds: Collection[Kind], clouds: Clouds)
             shapes.append(Shape(Surface("points", cloud.id), clouds[cloud.id]))
     shapes += [Shape(surface, solid) for surface, solid in solids_of(environment, kinds)]
     return shapes
+
+
+def _line_shapes(kind: Kind, lines: Iterable[Strip | Belt]) -> list[Shape]:
+    """Return the strips or belts of a map."""
+    return [Shape(Surface(kind, line.id), Polyline(line.line_m)) for line in lines]
 
 
 def _reacting_shapes(environment: Environment) -> list[Shape]:
@@ -152,7 +157,8 @@ def solids_of(environment: Environment, kinds: Collection[Kind]) -> list[tuple[S
     solids: list[tuple[Surface, Solid]] = []
     if "box" in kinds:
         for box in environment.boxes:
-            solids.append((Surface("box", box.id), BoxSolid(box.center_m, box.size_m, box.yaw_rad)))
+            solid = BoxSolid(box.center_m, box.size_m, box.yaw_rad)
+            solids.append((Surface("box", box.id), solid))
     if "plane" in kinds:
         for plane in environment.planes:
             solid = PlaneSolid(plane.center_m, plane.normal, plane.size_m)
@@ -163,7 +169,8 @@ def solids_of(environment: Environment, kinds: Collection[Kind]) -> list[tuple[S
             solids.append((Surface("cylinder", cylinder.id), solid))
     if "sphere" in kinds:
         for sphere in environment.spheres:
-            solids.append((Surface("sphere", sphere.id), SphereSolid(sphere.center_m, sphere.radius_m)))
+            solid = SphereSolid(sphere.center_m, sphere.radius_m)
+            solids.append((Surface("sphere", sphere.id), solid))
     return solids
 
 
@@ -215,9 +222,10 @@ class Surfaces:
         groups = group_by_priority(
             environment, kinds, clouds or {}, priority or {}, may_be_empty=may_be_empty
         )
+        highest_first = sorted(groups.items(), reverse=True)
         self.tolerance_rad = tolerance_rad
         """Maximum angle at the eyes."""
-        self._groups = [_caster_groups(shapes) for _, shapes in sorted(groups.items(), reverse=True)]
+        self._groups = [_caster_groups(shapes) for _, shapes in highest_first]
         opaque_solids = [solid for _, solid in solids_of(environment, opaque)]
         self._occluders: Occluders | None = None
         if opaque_solids:

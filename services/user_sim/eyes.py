@@ -153,7 +153,8 @@ class SeenPixels:
         pixels = list(range(offset, self.count))
         if strip.direction != 1:
             pixels.reverse()
-        self.lines["strip", strip.id] = ShownLine("strip", strip.id, line, pitch_m, arcs.tolist(), pixels)
+        arcs_m: list[float] = arcs.tolist()
+        self.lines["strip", strip.id] = ShownLine("strip", strip.id, line, pitch_m, arcs_m, pixels)
         points = line.points_at(arcs)
         return points if strip.direction == 1 else points[::-1]
 
@@ -218,7 +219,8 @@ class OwnColor:
         pixel = np.array(color, dtype=np.float64)
         squares = np.maximum(np.einsum("ij,ij->i", self._own, self._own), 1.0)
         shares = self._own @ pixel / squares
-        distances = np.linalg.norm(pixel - shares[:, None] * self._own, axis=1)
+        offsets = pixel - shares[:, None] * self._own
+        distances = np.linalg.norm(offsets, axis=1)
         deviations = distances / np.maximum(shares * np.sqrt(squares), 1e-9)
         best = int(np.argmin(deviations))
         is_own = deviations[best] <= HUE_TOLERANCE and shares[best] >= DARKEST
@@ -238,10 +240,10 @@ def brightness(code: int) -> int:
 @functools.lru_cache(maxsize=4096)
 def is_same_hue(code: int, other: int) -> bool:
     """Return True if two colours differ in brightness only."""
-    a = rgb(code)
-    b = rgb(other)
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    lengths = math.hypot(*a) * math.hypot(*b)
+    red, green, blue = rgb(code)
+    other_red, other_green, other_blue = rgb(other)
+    dot = red * other_red + green * other_green + blue * other_blue
+    lengths = math.hypot(red, green, blue) * math.hypot(other_red, other_green, other_blue)
     return lengths > 0.0 and dot >= lengths * math.cos(HUE_TOLERANCE)
 
 
@@ -440,7 +442,10 @@ class Eyes:
     ) -> float:
         """Return the doubt that a run at `point_m`, on the `part` of a thing, is the own cursor."""
         # By its width, of which less is known if it may be longer
-        cost = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
+        log_ratio = math.log(run.width_m / self._width_m)
+        cost = abs(log_ratio) * 1.5
+        if run.parts > 1:
+            cost += 0.3
         if cost > 0.0 and _is_cut(run):
             cost /= 2.0
 
@@ -542,7 +547,8 @@ class Eyes:
         for line, lit in hits.values():
             lit.sort()
             single = _grouped(line, lit, 1.5)
-            merged = [run._replace(parts=2) for run in _grouped(line, lit, INTERLEAVED) if run not in single]
+            interleaved = _grouped(line, lit, INTERLEAVED)
+            merged = [run._replace(parts=2) for run in interleaved if run not in single]
             max_m = longest_m + 2.0 * line.pitch_m
             for run in (*single, *merged):
                 if run.width_m <= max_m:
@@ -559,7 +565,9 @@ class Eyes:
         parts: list[bytes] = []
         for name, count in self._pixels.strips:
             colors = shown.get(name, b"")
-            parts.append(colors if len(colors) == 3 * count else bytes(3 * count))
+            if len(colors) != 3 * count:
+                colors = bytes(3 * count)
+            parts.append(colors)
         data = np.frombuffer(b"".join(parts), dtype=np.uint8)
         red, green, blue = data.reshape(-1, 3).astype(np.int32).T
         self._array = red * 65536 + green * 256 + blue
@@ -585,4 +593,5 @@ def _grouped(line: ShownLine, lit: Sequence[tuple[float, int]], gap: float) -> l
 
 def _is_cut(run: _Run) -> bool:
     """Return True if a run touches the first or last pixel of its line, so that it may be longer."""
-    return run.first_m <= run.line.arcs_m[0] or run.last_m >= run.line.arcs_m[-1]
+    arcs_m = run.line.arcs_m
+    return run.first_m <= arcs_m[0] or run.last_m >= arcs_m[-1]

@@ -194,7 +194,8 @@ class EstimateMethod:
                 up_error = up - LOW_RAD
             else:
                 up_error = max(up - LOW_RAD, 0.0)
-            logs[visible.id] = prior - 0.5 * ((right / SIDEWAYS_RAD) ** 2 + (up_error / UPWARDS_RAD) ** 2)
+            square = (right / SIDEWAYS_RAD) ** 2 + (up_error / UPWARDS_RAD) ** 2
+            logs[visible.id] = prior - 0.5 * square
         return logs
 
     def _probabilities(
@@ -222,7 +223,8 @@ class EstimateMethod:
             density = ON_LIGHT / (_FLAT * UPWARDS_RAD)
             line = math.log(density) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
             line += accepted  # they see the cursor there, too
-            none = max(none, line) + math.log1p(math.exp(-abs(none - line)))
+            ratio = math.exp(-abs(none - line))
+            none = max(none, line) + math.log1p(ratio)
 
         # Normalize, relative to the highest, so that not all weights vanish
         highest = max(none, *logs.values()) if logs else none
@@ -265,8 +267,9 @@ class EstimateMethod:
         self._change_shown(best, now_ns)
 
         # An arm that corrects its aim does not stay. The last ray counts half, as it is not smoothed
-        moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
-        jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0
+        anchor_center = self._anchor[2:]
+        moved_rad = math.dist(self._beside[best][2:], anchor_center)
+        jumped_rad = math.dist(self._now[best][2:], anchor_center) / 2.0
         if max(moved_rad, jumped_rad) > _corrected_rad(view, best):
             self._stays_ns = now_ns
             self._anchor = self._beside[best]
@@ -301,7 +304,8 @@ class EstimateMethod:
         if self._spoken is not None:
             dwell_s = max(dwell_s, SPOKEN_DWELL_S)
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
-        progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
+        certainty = min(probability / self._config.sure, 1.0)
+        progress = min(stayed_s / dwell_s, 1.0) * certainty
         if progress < 1.0:
             is_unclear = stayed_s > UNCLEAR_S and self._spoken is None
             rival = self._rival(shown, probabilities, now_ns) if is_unclear else None
@@ -387,7 +391,8 @@ def _log_peak(wide_rad: float, high_rad: float) -> float:
 def _sight(reach: Vec3) -> _Sight:
     """Return azimuth and elevation of a vector."""
     x, y, z = reach
-    return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
+    level = math.hypot(x, y)
+    return math.atan2(y, x), math.atan2(z, level)
 
 
 ESTIMATE = SelectionMethod(

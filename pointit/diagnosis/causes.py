@@ -15,11 +15,18 @@ from pointit.diagnosis.missing_services import (
     CHAIN,
     GONE,
     gone_processes,
-    is_router,
     starved_machines,
     stopped_services,
 )
-from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, Severity, StoppedProcess
+from pointit.diagnosis.observation import (
+    CONTINUE,
+    Code,
+    Finding,
+    Observation,
+    Severity,
+    StoppedProcess,
+    is_router,
+)
 from pointit.diagnosis.symptoms import latency_s
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.link.link import AGAIN, Outage, find_outage

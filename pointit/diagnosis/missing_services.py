@@ -11,6 +11,7 @@ from pointit.diagnosis.observation import (
     Observation,
     ReportedProcess,
     StoppedProcess,
+    is_router,
     restart_remedy,
 )
 from pointit.runtime.bus.contract import AnyTopic
@@ -202,11 +203,6 @@ def is_anything_starting(seen: Observation) -> bool:
         if _missing_writers(seen, person, services):
             are_new.append(all(map(seen.has_just_begun, services)))
     return bool(are_new) and all(are_new)
-
-
-def is_router(instance: str) -> bool:
-    """Return True if `instance` is a router's account of itself."""
-    return instance.partition(".")[0].partition("-")[0] == "router"
 
 
 def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator[Finding]:

@@ -103,9 +103,16 @@ def start_command(service: str, which: str = "") -> str:
     return f"{command} {option} {which}{people}"
 
 
+def is_router(instance: str) -> bool:
+    """Return True if `instance` is a router's account of itself."""
+    service, _, _ = instance.partition(".")
+    kind, _, _ = service.partition("-")
+    return kind == "router"
+
+
 def restart_remedy(instance: str, options: str) -> str:
     """Return the remedy that starts `instance`, if it should run at all. `options` join the site."""
-    if instance.partition(".")[0].partition("-")[0] == "router":
+    if is_router(instance):
         return "if it should run: `pointit router --site-folder FOLDER`"
     command = start_command(*split_instance(instance))
     if not command:

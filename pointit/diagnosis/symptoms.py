@@ -135,7 +135,11 @@ def _twice(seen: Observation, instance: str, reports: Sequence[DiagnosisReport])
         process = (report.health.host, report.health.pid)
         ages_s[process] = report.health.uptime_s + seen.now_s - report.received_s
     if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
-        pids = all_of(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
+        places: list[str] = []
+        for host, pid in sorted(ages_s):
+            name = one_line(host, LONGEST_HOST) or "?"
+            places.append(f"{pid} on {name}")
+        pids = all_of(places)
         remedy = "end all but one, or give each person their own --user"
         sentence = f"runs more than once: processes {pids}"
         yield Finding("error", "twice", instance, sentence, remedy, problem=TWICE, subject=pids)

@@ -45,8 +45,7 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
         return Advice(text, scan.missing)
 
     # Lights that are not good enough, the worst first
-    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    scanned.sort(key=lambda light: -light.sigma_m)
+    scanned = sorted(scan.lights, key=lambda light: -light.sigma_m)
     open_lights = [not light.identified or light.sigma_m > limit_m for light in scanned]
     is_open = np.array(open_lights, dtype=bool)
     if not is_open.any():
@@ -106,8 +105,8 @@ def _least_certain(scanned: ScannedStrip | ScannedLamp) -> Array:
 def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[str, Array, int]]:
     """Yield positions one step beside a camera or nearer, with their descriptions and targets."""
     # The extent of the room, as far as it is known
-    cameras = [np.array(camera.position_m) for camera in scan.cameras if camera is not None]
-    around = np.concatenate([ends.reshape(-1, 3), cameras])
+    cameras_m = [camera.position_m for camera in scan.cameras if camera is not None]
+    around = np.concatenate([ends.reshape(-1, 3), cameras_m])
     low = around.min(axis=0)
     high = around.max(axis=0)
 
@@ -117,13 +116,14 @@ def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[
         camera_m = np.array(camera.position_m)
         for aim in aims:
             sight = ends[aim].mean(axis=0) - camera_m
+            distance_m = float(np.linalg.norm(sight))
             right = np.cross(sight, [0.0, 0.0, 1.0])
             right *= STEP_M / max(float(np.linalg.norm(right)), 1e-9)
             positions = {
                 f"from {STEP_M:g} m to the right of photograph {number}": camera_m + right,
                 f"from {STEP_M:g} m to the left of photograph {number}": camera_m - right,
             }
-            if NEARER * float(np.linalg.norm(sight)) > CLOSEST_M:
+            if NEARER * distance_m > CLOSEST_M:
                 nearer_m = camera_m + (1.0 - NEARER) * sight
                 positions[f"from nearer than photograph {number}"] = nearer_m
             for description, position in positions.items():

@@ -59,8 +59,9 @@ class BundleState:
 
     def moved(self, step: Array) -> "BundleState":
         """Return the state after a step of the unknowns: lens, poses, ends."""
-        poses, ends = np.split(step[2:], [6 * len(self.rotations)])
-        poses = poses.reshape(-1, 6)
+        first_end = 2 + 6 * len(self.rotations)
+        poses = step[2:first_end].reshape(-1, 6)
+        ends = step[first_end:].reshape(-1, 2, 3)
         rotation = Rotation.from_rotvec(poses[:, :3])
         turns = np.asarray(rotation.as_matrix(), dtype=np.float64)
         focal_step = float(np.clip(step[0], -0.2, 0.2))
@@ -70,7 +71,7 @@ class BundleState:
             distortion=self.distortion + distortion_step,
             rotations=turns @ self.rotations,
             translations=self.translations + poses[:, 3:],
-            ends=self.ends + ends.reshape(-1, 2, 3),
+            ends=self.ends + ends,
         )
 
 
@@ -105,8 +106,8 @@ class BundleProblem:
 
     def stretch(self, state: BundleState) -> Array:
         """Return the logarithm of each piece's length beside the expected one."""
-        edges = state.ends[:, 1] - state.ends[:, 0]
-        length = np.maximum(np.linalg.norm(edges, axis=1), 1e-6)
+        first, last = state.ends.transpose(1, 0, 2)
+        length = np.maximum(np.linalg.norm(last - first, axis=1), 1e-6)
         return np.asarray(np.log(length) - self.log_length)
 
     def solve(
@@ -149,7 +150,8 @@ class BundleProblem:
         return np.asarray(first + from_first)
 
     def _cost(self, state: BundleState, loss_px: float, sigma_px: float) -> float:
-        square = np.sum(self.errors(state) ** 2, axis=1) / loss_px**2
+        errors = self.errors(state)
+        square = np.sum(errors**2, axis=1) / loss_px**2
         loss = (loss_px / sigma_px) ** 2 * np.log1p(square).sum()
         prior, _ = self._prior(state)
         return float(loss + prior @ prior)
@@ -194,11 +196,11 @@ class BundleProblem:
         data: Array = (values * weights[:, None, None]).ravel()
         indices: Indices = np.repeat(columns, 2, axis=0).ravel()
         width = int(columns.shape[1])
-        starts: Indices = np.arange(0, len(data) + 1, width, dtype=np.intp)
+        row_starts: Indices = np.arange(0, len(data) + 1, width, dtype=np.intp)
 
         residuals, rows = self._prior(state)
         shape = (2 * len(points), rows.shape[1])
-        jacobian = csr_array((data, indices, starts), shape=shape)
+        jacobian = csr_array((data, indices, row_starts), shape=shape)
         sighted = (jacobian.T @ jacobian).toarray()
         normal = np.asarray(sighted + rows.T @ rows, dtype=np.float64)
         weighted_errors = (errors * weights[:, None]).ravel()
@@ -215,21 +217,28 @@ class BundleProblem:
         first_gravity = 2 + pieces
         first_corner = first_gravity + 3 * len(known)
         first_end = 2 + 6 * views
-        rows = np.zeros((first_corner + 3 * len(self.corners), first_end + 6 * pieces))
+        row_count = first_corner + 3 * len(self.corners)
+        column_count = first_end + 6 * pieces
+        rows = np.zeros((row_count, column_count))
         rows[0, 0] = 1.0 / FOCAL_SIGMA
         rows[1, 1] = 1.0 / DISTORTION_SIGMA
-        lens = [(state.log_focal - self.log_focal) / FOCAL_SIGMA, state.distortion / DISTORTION_SIGMA]
+        focal = (state.log_focal - self.log_focal) / FOCAL_SIGMA
+        distortion = state.distortion / DISTORTION_SIGMA
 
         # Lengths, under a robust loss: a strip may have another pitch.
         stretch = self.stretch(state) / self.length_sigma
-        edges = state.ends[:, 1] - state.ends[:, 0]
+        first, last = state.ends.transpose(1, 0, 2)
+        edges = last - first
         squares = np.maximum(np.sum(edges**2, axis=1), 1e-12)
-        slope = 1.0 / np.sqrt(1.0 + (stretch / 3.0) ** 2) / self.length_sigma
-        by_last = edges * (slope / squares)[:, None]
+        scaled_stretch = stretch / 3.0
+        slope = 1.0 / np.sqrt(1.0 + scaled_stretch**2) / self.length_sigma
+        factors = slope / squares
+        by_last = edges * factors[:, None]
         numbers = np.arange(pieces)[:, None]
         end_columns = first_end + 6 * numbers + np.arange(6)
-        rows[2 + numbers, end_columns] = np.concatenate([-by_last, by_last], axis=1)
-        lengths = 3.0 * np.arcsinh(stretch / 3.0)
+        by_ends = np.concatenate([-by_last, by_last], axis=1)
+        rows[2 + numbers, end_columns] = by_ends
+        lengths = 3.0 * np.arcsinh(scaled_stretch)
 
         # Gravity, whose derivative by a turn is its cross product
         down = state.rotations[known] @ DOWN
@@ -246,7 +255,8 @@ class BundleProblem:
         gaps: list[Array] = []
         for number, piece in enumerate(self.corners):
             bend = directions[piece] - directions[piece + 1]
-            along_bend = np.outer(bend, bend) / max(float(bend @ bend), 1e-2)
+            square = max(float(bend @ bend), 1e-2)
+            along_bend = np.outer(bend, bend) / square
             across = (np.eye(3) - along_bend) / CORNER_SIGMA_M
             row = first_corner + 3 * number
             own_rows = slice(row, row + 3)
@@ -254,9 +264,9 @@ class BundleProblem:
             next_end = last_end + 3
             rows[own_rows, last_end:next_end] = across
             rows[own_rows, next_end : next_end + 3] = -across
-            gap_m = state.ends[piece, 1] - state.ends[piece + 1, 0]
+            gap_m = last[piece] - first[piece + 1]
             gaps.append(across @ gap_m)
-        residuals = np.concatenate([lens, lengths, gravity.ravel(), *gaps])
+        residuals = np.concatenate([[focal, distortion], lengths, gravity.ravel(), *gaps])
         return residuals, rows
 
 
@@ -271,13 +281,15 @@ def vertex_blocks(covariance: Array) -> list[Array]:
 
 def vec3(values: Array) -> Vec3:
     """Return three numbers as a vector."""
-    return (float(values[0]), float(values[1]), float(values[2]))
+    x, y, z = values
+    return (float(x), float(y), float(z))
 
 
 def _pinhole(log_focal: float, distortion: float, camera: Array) -> Array:
     """Return the pixels (n x 2, from the image's centre) of points in the camera's frame (n x 3)."""
     depth = np.maximum(camera[:, 2:], NEAREST_M)
-    flat = np.clip(camera[:, :2] / depth, -5.0, 5.0)
+    image = camera[:, :2] / depth
+    flat = np.clip(image, -5.0, 5.0)
     square = np.minimum(np.sum(flat**2, axis=1, keepdims=True), 2.0)
     distorted = 1.0 + distortion * square
     return np.asarray(np.exp(log_focal) * flat * distorted)

@@ -165,7 +165,8 @@ class PointingModel:
     def start(self) -> Array:
         """Return the points nearest to each target's rays, without errors of people and places."""
         values = np.zeros(self.count)
-        outer_products = self.directions[:, :, None] * self.directions[:, None, :]
+        directions = self.directions
+        outer_products = directions[:, :, None] * directions[:, None, :]
         across = np.eye(3) - outer_products
         for number in range(len(self._targets)):
             is_own = self.target == 3 * number
@@ -186,7 +187,8 @@ class PointingModel:
         # Angles to the targets from the estimated places
         point = values[self.target[:, None] + np.arange(3)]
         origin = self.origins.copy()
-        origin[:, :2] += values[self.place[:, None] + np.arange(2)]
+        place_unknowns = self.place[:, None] + np.arange(2)
+        origin[:, :2] += values[place_unknowns]
         x, y, z = (point - origin).T
         level_m = np.maximum(np.hypot(x, y), NEAREST_M)
         azimuth = np.arctan2(y, x)
@@ -272,7 +274,8 @@ def box_of(corners: Sequence[Vec3]) -> BoxEntry:
     # Both sides of the top say where it is turned to, up to right angles: the longer one counts more.
     sine = 0.0
     cosine = 0.0
-    sides: list[list[float]] = np.diff(points[:3, :2], axis=0).tolist()
+    top = points[:3, :2]
+    sides: list[list[float]] = np.diff(top, axis=0).tolist()
     for x, y in sides:
         length = math.hypot(x, y)
         angle = math.atan2(y, x)
@@ -281,7 +284,9 @@ def box_of(corners: Sequence[Vec3]) -> BoxEntry:
     yaw = math.atan2(sine, cosine) / 4.0
 
     # The extent of the corners in the box's frame
-    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    turn = np.array([[c, s], [-s, c]])
     turned = points[:, :2] @ turn.T
     heights = points[:, 2]
     low = np.append(turned.min(axis=0), heights.min())
@@ -313,7 +318,8 @@ def screen_of(corners: Sequence[Vec3]) -> PlaneEntry:
     if len(points) < 3:
         raise RefusedError("a screen or table needs three corners or four")
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    _, sizes, axes = np.linalg.svd(points - points.mean(axis=0))
+    centred = points - points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(centred)
     if sizes[1] < 0.05:
         raise RefusedError("these corners are in one line: point at three corners of it")
 

@@ -81,7 +81,7 @@ def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageL
 
 def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | None:
     """Return the largest set of pixels that lie on one line, or None if there are too few."""
-    if len(np.unique(pixels)) < MIN_VIEWS:
+    if _count_pixels(pixels) < MIN_VIEWS:
         return None
 
     # Trials, each with three different pixels
@@ -114,18 +114,21 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     n = share[picks]
     system = np.stack([n, np.ones_like(n), -n * s], axis=2)
     system += np.eye(3) * 1e-12
-    solution = np.asarray(np.linalg.solve(system, s[..., None]), dtype=np.float64)
+    right_sides = s[..., None]
+    solution = np.asarray(np.linalg.solve(system, right_sides), dtype=np.float64)
     f, g, h = solution.transpose(1, 0, 2)  # trials x 1 each
 
     # The images of all pixels on the line of each trial
     depth = h * share + 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (f * share + g) / depth
-        images = first[:, None] + reach[..., None] * along[:, None]
+        from_first = reach[..., None] * along[:, None]
+        images = first[:, None] + from_first
         error = np.linalg.norm(images - uv, axis=2)
 
     # The trial with the most hits; of equal ones, that with the least errors
-    extent = np.minimum(length, float(np.linalg.norm(np.ptp(uv, axis=0))))
+    whole_extent = float(np.linalg.norm(np.ptp(uv, axis=0)))
+    extent = np.minimum(length, whole_extent)
     ends = [int(np.argmin(pixels)), int(np.argmax(pixels))]
     in_front = np.all(depth[:, ends] > 0.02, axis=1)
     tolerance = TOLERANCE_PX + BOW * extent
@@ -133,7 +136,7 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     error_sum = error.clip(max=10.0).sum(axis=1)
     counts = hits.sum(axis=1) - error_sum / (1e3 * len(pixels))
     best = hits[int(np.argmax(counts))]
-    return best if len(np.unique(pixels[best])) >= MIN_VIEWS else None
+    return best if _count_pixels(pixels[best]) >= MIN_VIEWS else None
 
 
 def _refined(pixels: Array, uv: Array) -> ImageLine | None:
@@ -204,12 +207,13 @@ def _between(view: tuple[Array, Array], low: float, high: float) -> tuple[Array,
 
 def _split(views: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> float | None:
     """Return the place where a corner explains the most additional pixels, or None if it is straight."""
-    views = [view for view in views if len(np.unique(view[0])) >= 2 * MIN_VIEWS]
-    seen = sum(len(np.unique(pixels)) for pixels, _ in views)
+    views = [view for view in views if _count_pixels(view[0]) >= 2 * MIN_VIEWS]
+    seen = sum(_count_pixels(pixels) for pixels, _ in views)
     straight = sum(_covered(view, rng) for view in views)
     if straight >= STRAIGHT_SHARE * seen:
         return None
-    numbers = np.unique(np.concatenate([pixels for pixels, _ in views]))
+    all_pixels = [pixels for pixels, _ in views]
+    numbers = np.unique(np.concatenate(all_pixels))
     middles = (numbers[:-1] + numbers[1:]) / 2.0
     middles = middles[MIN_VIEWS - 1 : 1 - MIN_VIEWS]
     if len(middles) > MAX_SPLITS:
@@ -224,12 +228,24 @@ def _split(views: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> fl
         scores.append(covered)
 
     # A corner explains clearly more than a straight strip.
-    if not scores or max(scores) < straight + max(3, 0.12 * seen):
+    if not scores:
         return None
-    best = np.flatnonzero(np.array(scores) >= max(scores) - 0.5)
-    return float(np.mean(middles[best]))
+    best_score = max(scores)
+    if best_score < straight + max(3, 0.12 * seen):
+        return None
+    is_best = np.array(scores) >= best_score - 0.5
+    return float(np.mean(middles[is_best]))
+
+
+def _count_pixels(pixels: Array) -> int:
+    """Return the number of different pixels."""
+    return len(np.unique(pixels))
 
 
 def _covered(view: tuple[Array, Array], rng: np.random.Generator) -> int:
-    on_line = _consensus(*view, rng)
-    return 0 if on_line is None else len(np.unique(view[0][on_line]))
+    """Return the number of different pixels on the best line."""
+    pixels, uv = view
+    on_line = _consensus(pixels, uv, rng)
+    if on_line is None:
+        return 0
+    return _count_pixels(pixels[on_line])

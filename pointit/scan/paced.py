@@ -161,9 +161,11 @@ class PacedModel(PointingModel):
         """Prepare the fit of the presses `rays`."""
         super().__init__(rays, hold_sigma_rad=PRESS_SIGMA_RAD, bias_sigma_rad=KNOWN_RAD)
         self._walk = walk
-        second = [index for index, ray in enumerate(rays) if ray.place == SECOND]
-        self._second = int(self.place[second[0]]) if second else None
+        self._second: int | None = None
         """Index of the unknowns of the second place: x, y, yaw; or None."""
+        is_second = [ray.place == SECOND for ray in rays]
+        if any(is_second):
+            self._second = int(self.place[is_second.index(True)])
         self._targets_end = 3 * len(self._targets)
 
     def fit(self) -> Any:
@@ -206,7 +208,8 @@ class PacedModel(PointingModel):
         first_prior = self._second - (self.count - len(fixed))
         x, y, yaw_rad = values[self._second : self._second + 3]
         length_error_m = math.hypot(x, y) - walk.length_m
-        azimuth_error_rad = math.remainder(math.atan2(y, x) - walk.azimuth_rad, math.tau)
+        azimuth_rad = math.atan2(y, x)
+        azimuth_error_rad = math.remainder(azimuth_rad - walk.azimuth_rad, math.tau)
         fixed[first_prior] = length_error_m / walk.length_sigma_m
         fixed[first_prior + 1] = azimuth_error_rad / walk.azimuth_sigma_rad
         fixed[first_prior + 2] = yaw_rad / walk.drift_sigma_rad
@@ -247,7 +250,8 @@ class PacedModel(PointingModel):
 
     def _direction_sigma_rad(self, values: Array, covariance: Array, number: int, share: float) -> float:
         """Return the standard deviation of the direction to a lamp from `share` of the walk."""
-        unknowns = [3 * number, 3 * number + 1, 3 * number + 2]
+        first = 3 * number
+        unknowns = [first, first + 1, first + 2]
         lamp_m = values[unknowns]
         eyes_m = self.origins[self._first_ray(number)]
         step_m = np.zeros(3)

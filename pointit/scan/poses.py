@@ -28,6 +28,8 @@ EXPECTED_FOCAL = 0.78
 MAX_CANDIDATE_PAIRS = 300
 COARSE = 0.05
 """Tolerance of a first pose, as a share of the image's width: depth from one photograph is coarse."""
+UNKNOWN = (np.nan, np.nan, np.nan)
+"""Gravity that is not known."""
 DISTINCT_M = 0.15
 """Distance of poses that differ."""
 MAX_POSES = 3
@@ -98,18 +100,28 @@ class SightingArrays:
         # Of a strip with many pixels, some at equal distances suffice.
         keep = np.ones(len(table), dtype=bool)
         for chain in range(len(strips)):
-            pixels = np.unique(table[table[:, 1] == chain, 2])
+            is_own = table[:, 1] == chain
+            pixels = np.unique(table[is_own, 2])
             if len(pixels) > MAX_MARKS:
                 steps = np.linspace(0, len(pixels) - 1, MAX_MARKS).astype(int)
                 is_chosen = np.isin(table[:, 2], pixels[steps])
-                keep &= (table[:, 1] != chain) | is_chosen
+                keep &= ~is_own | is_chosen
         table = table[keep]
 
-        downs = np.array([view.gravity or (np.nan,) * 3 for view in views], dtype=np.float64)
+        gravities = [view.gravity or UNKNOWN for view in views]
+        downs = np.array(gravities, dtype=np.float64)
         downs /= np.linalg.norm(downs, axis=1, keepdims=True)
         view, chain = table[:, :2].T.astype(np.intp)
         side_px = float(max(views[0].width, views[0].height))
-        return cls(view, chain, table[:, 2], table[:, 3:], downs, len(strips), side_px)
+        return cls(
+            view=view,
+            chain=chain,
+            pixel=table[:, 2],
+            uv=table[:, 3:],
+            downs=downs,
+            strips=len(strips),
+            side_px=side_px,
+        )
 
     def of_chain(self, chain: int, view: int) -> tuple[Array, Array]:
         """Return the pixels and images of one strip or lamp in one view."""
@@ -172,7 +184,8 @@ def candidate_poses(
 
 def _rigid_motions(room: Array, camera: Array, members: Array, down: Array | None) -> tuple[Array, Array]:
     """Return the rotations and translations from the lines that are `members` (h x n) of each hypothesis."""
-    near = 1.0 / np.linalg.norm(camera[:, 1], axis=1) ** 2  # depth errs by the square of the distance
+    distances_m = np.linalg.norm(camera[:, 1], axis=1)
+    near = 1.0 / distances_m**2  # depth errs by the square of the distance
     weights = members * near
     weights /= weights.sum(axis=1, keepdims=True)
     room_mean = np.einsum("hn,nki->hi", weights, room) / 3.0
@@ -202,7 +215,8 @@ def levelled(directions: Array, lengths: Array, up: Array) -> Array:
         up: rough direction of up, from the way in which the cameras were held, unit.
     """
     # Candidates for up: along a piece, or at right angles to two of them, not far from the rough direction.
-    normals = [np.cross(a, b) for a, b in combinations(directions, 2)]
+    pairs = combinations(directions, 2)
+    normals = [np.cross(first, second) for first, second in pairs]
     units: list[Array] = []
     for vector in (up, *directions, *normals):
         norm = np.linalg.norm(vector)
@@ -301,7 +315,9 @@ class FirstPoses:
 
     def _begin(self, base: int, focal_px: float) -> PlacedViews:
         down = self._downs[base]
-        rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
+        rotation = np.eye(3)
+        if np.isfinite(down[0]):
+            rotation = upright(-down).T
         state = BundleState(
             log_focal=float(np.log(focal_px)),
             distortion=0.0,
@@ -327,8 +343,8 @@ class FirstPoses:
             from_camera = in_camera - state.translations[index]
             ends.append(from_camera @ state.rotations[index])
             pieces.append(piece)
-        with_ends = replace(state, ends=np.array(ends).reshape(-1, 2, 3))
-        return PlacedViews(placed.views, pieces, with_ends)
+        all_ends = np.array(ends).reshape(-1, 2, 3)
+        return PlacedViews(placed.views, pieces, replace(state, ends=all_ends))
 
     def _in_camera(self, state: BundleState, line: ImageLine, piece: Piece, pixels: Array) -> Array:
         strip, _ = piece
@@ -421,12 +437,14 @@ class FirstPoses:
         is_tie = (good_counts > MAX_PAIRS * counts) & is_shared
         is_tie &= is_tie.sum(axis=0) > 1
         tie_rows: list[list[bool]] = is_tie.tolist()
-        ties = tuple(tuple(compress(placed.pieces, row)) for row in tie_rows)
+        ties = [tuple(compress(placed.pieces, row)) for row in tie_rows]
 
         is_of_tie = is_tie[bundle.view, bundle.piece]
         tie_errors: Array = errors[is_of_tie & is_good]
-        cost = float(np.mean(tie_errors**2)) if len(tie_errors) else np.inf
-        return PlacedViews(placed.views, placed.pieces, state, ties, cost)
+        cost = np.inf
+        if len(tie_errors):
+            cost = float(np.mean(tie_errors**2))
+        return PlacedViews(placed.views, placed.pieces, state, tuple(ties), cost)
 
     def _is_tied(self, placed: PlacedViews) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
@@ -463,12 +481,14 @@ class FirstPoses:
         spans = bounds[:, 1] - bounds[:, 0]
         pieces = np.repeat(numbers, sizes)
         pixels = np.concatenate([line.pixels for line in lines])
+        images = np.concatenate([line.uv for line in lines])
+        from_first = pixels - bounds[pieces, 0]
         pitches_m = [self._pitches_m[strip] for strip, _ in placed.pieces]
         return BundleProblem(
             view=np.repeat(indices, sizes),
             piece=pieces,
-            share=(pixels - bounds[pieces, 0]) / spans[pieces],
-            uv=np.concatenate([line.uv for line in lines]),
+            share=from_first / spans[pieces],
+            uv=images,
             log_length=np.log(spans * pitches_m),
             length_sigma=np.full(len(spans), PITCH_SIGMA),
             down=self._downs[placed.views],

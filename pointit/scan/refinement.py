@@ -59,7 +59,8 @@ class Model:
 
     def corners(self) -> Indices:
         """Return the pieces that are followed by another one of the same chain."""
-        return np.flatnonzero(self.chain[:-1] == self.chain[1:])
+        goes_on = self.chain[:-1] == self.chain[1:]
+        return np.flatnonzero(goes_on)
 
 
 @dataclass(frozen=True)
@@ -121,8 +122,9 @@ class Refined:
             if piece in corners:
                 _, steps, bend = corner(self.state, model, piece)
                 if bend.any():
+                    half = eye / 2.0
                     slip = np.outer(steps.mean(axis=0), bend)
-                    derivatives.append([0.0 * eye, eye / 2.0 - slip, eye / 2.0 + slip])
+                    derivatives.append([0.0 * eye, half - slip, half + slip])
             elif is_strip:
                 derivatives.append([(1.0 - end) * eye, end * eye])
 
@@ -171,13 +173,13 @@ def refined(
     def bundle_of(rows: Indices) -> BundleProblem:
         pixels = seen.pixel[rows]
         pieces = model.pieces(seen.chain[rows], pixels)
-        spans = model.bounds[:, 1] - model.bounds[:, 0]
+        low, high = model.bounds.T
         return BundleProblem(
             view=number[seen.view[rows]],
             piece=pieces,
             share=model.shares(pieces, pixels),
             uv=seen.uv[rows],
-            log_length=np.log(piece_pixels_m * spans),
+            log_length=np.log(piece_pixels_m * (high - low)),
             length_sigma=length_sigmas,
             down=seen.downs[placed.views],
             log_focal=seen.log_focal,
@@ -282,14 +284,15 @@ def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, 
         derivative of the former by the gap, 3.
     """
     both = slice(piece, piece + 2)
-    spans = model.bounds[both, 1] - model.bounds[both, 0]
-    edges = state.ends[both, 1] - state.ends[both, 0]
-    steps = edges / spans[:, None]
+    low, high = model.bounds[both].T
+    first, last = state.ends[both].transpose(1, 0, 2)
+    steps = (last - first) / (high - low)[:, None]
     bend = steps[0] - steps[1]
-    if np.linalg.norm(bend) < MIN_BEND * np.linalg.norm(steps[0]):
+    min_bend = MIN_BEND * np.linalg.norm(steps[0])
+    if np.linalg.norm(bend) < min_bend:
         return 0.0, steps, np.zeros(3)
     bend /= bend @ bend
-    gap = state.ends[piece, 1] - state.ends[piece + 1, 0]
+    gap = last[0] - first[1]
     return -float(bend @ gap), steps, bend
 
 
@@ -327,7 +330,8 @@ def _agreeing(seen: SightingArrays, candidates: Indices, errors: Array, limit_px
     is_good = is_nearest & (errors < limit_px)
 
     # Of a strip in a view, none unless most are good.
-    _, pairs = np.unique(keys[:, :2], axis=0, return_inverse=True)
+    view_and_chain = keys[:, :2]
+    _, pairs = np.unique(view_and_chain, axis=0, return_inverse=True)
     pairs = pairs.ravel()
     counts = np.maximum(np.bincount(pairs, is_nearest), 1)
     shares = np.bincount(pairs, is_good) / counts
@@ -346,7 +350,8 @@ def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array |
     directions = np.column_stack([flat, np.ones(len(index))])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     rays = np.einsum("nji,nj->ni", rotations, directions)
-    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    outer_products = rays[:, :, None] * rays[:, None, :]
+    across = np.eye(3) - outer_products
     origins = -np.einsum("nji,nj->ni", rotations, state.translations[index])
     moments = np.einsum("nij,nj->ni", across, origins)
 

@@ -112,8 +112,12 @@ class Scan:
         """Return True if all strips and lamps are identified with sigma of at most `limit_m`."""
         if self.missing:
             return False
-        scanned: list[ScannedStrip | ScannedLamp] = [*self.strips.values(), *self.lamps.values()]
-        return all(light.identified and light.sigma_m <= limit_m for light in scanned)
+        return all(light.identified and light.sigma_m <= limit_m for light in self.lights)
+
+    @property
+    def lights(self) -> list[ScannedStrip | ScannedLamp]:
+        """Return all strips, then all lamps."""
+        return [*self.strips.values(), *self.lamps.values()]
 
     def placed(self, origin_m: Vec3, heading_rad: float) -> "Scan":
         """Return the scan in the room's frame {W}: z stays up.
@@ -173,26 +177,30 @@ def map_text(scan: Scan, *, only_identified: bool = True) -> str:
     photographs = sum(camera is not None for camera in scan.cameras)
     scale = "the known length" if scan.scale_from == "length" else "the pitch of the strips"
     level = "gravity" if scan.level_from == "gravity" else "the strips, most of which are level or upright"
+    scale_percent = 100 * scan.scale_sigma
+    level_deg = math.degrees(scan.level_sigma_rad)
     lines = [
         f"# A room scanned from {photographs} photographs.",
-        f"# Lengths: within {100 * scan.scale_sigma:.1f} %, from {scale}.",
-        f"# Level: within {math.degrees(scan.level_sigma_rad):.1f} degrees, from {level}.",
+        f"# Lengths: within {scale_percent:.1f} %, from {scale}.",
+        f"# Level: within {level_deg:.1f} degrees, from {level}.",
     ]
 
     if lamps:
         lines.append("lamps:")
     for lamp in lamps:
+        name = json.dumps(lamp.name)
         position = list(_rounded(lamp.position_m))
         note = _note(lamp.sigma_m, lamp.reason)
-        lines.append(f"  {json.dumps(lamp.name)}: {{position: {position}}}  {note}")
+        lines.append(f"  {name}: {{position: {position}}}  {note}")
     if strips:
         lines.append("strips:")
     for strip in strips:
-        lines += [
-            f"  {json.dumps(strip.name)}:  {_note(strip.sigma_m, strip.reason)}",
-            f"    line: {[list(_rounded(point)) for point in strip.line_m]}",
-            f"    pixels: {strip.count}",
-        ]
+        name = json.dumps(strip.name)
+        note = _note(strip.sigma_m, strip.reason)
+        vertices = [list(_rounded(point)) for point in strip.line_m]
+        lines.append(f"  {name}:  {note}")
+        lines.append(f"    line: {vertices}")
+        lines.append(f"    pixels: {strip.count}")
     return "\n".join([*lines, ""])
 
 
@@ -221,11 +229,12 @@ def pointed_text(things: Mapping[str, Sequence[PointedAt]], kind: str) -> str:
             entry = box_of(corners).model_dump(mode="json", exclude_none=True)
         else:
             entry = screen_of(corners).model_dump(mode="json", exclude_none=True)
-        fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in entry.items())
+        fields = [f"{key}: {json.dumps(value)}" for key, value in entry.items()]
+        flow = ", ".join(fields)
 
         # A thing is as good as its worst corner.
         sigma_m = max(corner.sigma_m for corner in pointed_corners)
         reasons = [corner.reason for corner in pointed_corners if corner.reason]
         note = _note(sigma_m, reasons[0] if reasons else "")
-        lines.append(f"  {json.dumps(name)}: {{{fields}}}  {note}")
+        lines.append(f"  {json.dumps(name)}: {{{flow}}}  {note}")
     return "\n".join([*lines, ""])

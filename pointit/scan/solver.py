@@ -51,7 +51,8 @@ def scan_of(
     block = np.kron(np.eye(len(vertices)), turn)
     covariance = block @ covariance @ block.T
     covariance = factor**2 * _beside_each_other(covariance, vertices)
-    shift = np.array([0.0, 0.0, -vertices[:, 2].min()])
+    lowest_m = vertices[:, 2].min()
+    shift = np.array([0.0, 0.0, -lowest_m])
     vertices += shift
 
     # A chain of vertices is a strip, or a single one is a lamp.
@@ -61,14 +62,23 @@ def scan_of(
     for chain in chains:
         own = np.flatnonzero(chain_of == chain)
         views = len(_views_of(refined, chain))
-        rows = (3 * own[:, None] + np.arange(3)).ravel()
+        coordinates = 3 * own[:, None] + np.arange(3)
+        rows = coordinates.ravel()
         line = vertices[own]
         spread = covariance[np.ix_(rows, rows)]
         name = specs[chain].name
         if chain >= len(strips):
             sigma = _sigma(spread, views)
             reason = _uncertainty_reason(refined, chain, sigma)
-            found_lamps[name] = ScannedLamp(name, vec3(line[0]), sigma, views, not reason, reason, spread)
+            found_lamps[name] = ScannedLamp(
+                name=name,
+                position_m=vec3(line[0]),
+                sigma_m=sigma,
+                views=views,
+                identified=not reason,
+                reason=reason,
+                covariance=spread,
+            )
         else:
             found_strips[name] = _strip(refined, chain, strips, line, spread)
     found_names = found_strips.keys() | found_lamps.keys()
@@ -122,7 +132,8 @@ def _level(refined: Refined) -> tuple[Array, float, str]:
         level_parts = room_down[:, :2]
         rms = float(np.sqrt(np.mean(level_parts**2)))
         view_sigma = max(rms, GRAVITY_SIGMA / 2.0)
-        return np.eye(3), view_sigma / math.sqrt(has_gravity.sum()), "gravity"
+        sigma = view_sigma / math.sqrt(has_gravity.sum())
+        return np.eye(3), sigma, "gravity"
 
     # Without it, most strips are level or upright.
     ends = state.ends[refined.model.chain < refined.seen.strips]
@@ -132,7 +143,8 @@ def _level(refined: Refined) -> tuple[Array, float, str]:
     up /= np.linalg.norm(up)
     if len(edges) < 2:
         return upright(up), math.radians(15.0), "strips"
-    return levelled(edges / lengths[:, None], lengths, up), STRIPS_LEVEL_SIGMA, "strips"
+    directions = edges / lengths[:, None]
+    return levelled(directions, lengths, up), STRIPS_LEVEL_SIGMA, "strips"
 
 
 def _scale(
@@ -149,7 +161,8 @@ def _scale(
             raise ConfigError(f"the known length is at {mark.name!r}, which the views do not determine")
         pixels = np.array([float(mark.pixel)])
         points.append(refined.places(chain, pixels)[0])
-    measured_m = float(np.linalg.norm(points[1] - points[0]))
+    start, end = points
+    measured_m = float(np.linalg.norm(end - start))
     factor = known.metres / measured_m
     if not 1.0 / MAX_RATIO < factor < MAX_RATIO:
         raise ConfigError(
@@ -182,7 +195,8 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
     for _ in range(3):
         weighted = np.repeat(weights, 3)[:, None] * flat
         inverse = np.linalg.pinv(weighted.T @ flat)
-        shape = np.eye(len(flat)) - flat @ inverse @ weighted.T
+        movement = flat @ inverse @ weighted.T
+        shape = np.eye(len(flat)) - movement
         result = shape @ covariance @ shape.T
         spread = result.reshape(len(vertices), 3, len(vertices), 3)
         variance = np.einsum("viwi->vw", spread).diagonal()
@@ -192,7 +206,8 @@ def _beside_each_other(covariance: Array, vertices: Array) -> Array:
 
 def _sigma(covariance: Array, views: int) -> float:
     """Return the largest standard deviation of a vertex; few views hardly notice their outliers."""
-    largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in vertex_blocks(covariance))
+    variances = [float(np.linalg.eigvalsh(block)[-1]) for block in vertex_blocks(covariance)]
+    largest = max(variances)
     few_views = 1.0 + 2.0 / max(views - 1, 1)
     sigma_m = math.sqrt(max(largest, 0.0) * few_views)
     return math.hypot(sigma_m, MIN_SIGMA_M)
@@ -212,7 +227,9 @@ def _uncertainty_reason(refined: Refined, chain: int, sigma_m: float) -> str:
     if len(views) < 2:
         return "seen from one place only: photograph it from another one"
     ends = refined.state.ends[refined.model.chain == chain]
-    middle = ends.mean(axis=(0, 1)) if chain < refined.seen.strips else ends[0, 0]
+    middle = ends[0, 0]
+    if chain < refined.seen.strips:
+        middle = ends.mean(axis=(0, 1))
     sights = middle - refined.cameras[views]
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
     cosines = sights @ sights.T
@@ -313,8 +330,9 @@ def _has_pitch(strip: StripSpec, pitch_m: float) -> bool:
 
 def _swapped(others: Sequence[StripSpec]) -> str:
     """Return the end of a sentence about a strip that may be another one, or `""`."""
-    names = " or ".join(f"{other.name!r} ({other.count} pixels)" for other in others[:2])
-    return f", or is it {names}, swapped at the controller?" if names else ""
+    names = [f"{other.name!r} ({other.count} pixels)" for other in others[:2]]
+    candidates = " or ".join(names)
+    return f", or is it {candidates}, swapped at the controller?" if candidates else ""
 
 
 def solve(

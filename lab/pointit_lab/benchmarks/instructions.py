@@ -67,10 +67,7 @@ def measure() -> dict[str, Any]:
         by_hop[hop] = round(with_hop - without)
 
     # Each of the others has a run of its own: counting would change the time, and tracing both.
-    times_s: list[float] = []
-    run_virtually(drive(lambda: times_s.append(time.thread_time())))
-    start_s, end_s = times_s
-    cpu_us = (end_s - start_s) / samples * 1e6
+    cpu_us = _measure_cpu_s() / samples * 1e6
     messages = run_virtually(drive(lambda: None, read=COUNTED))
     counter = BytecodeCounter()
     run_virtually(drive(counter.toggle))
@@ -91,6 +88,14 @@ def measure() -> dict[str, Any]:
         "different": different,
         "messages": messages_per_sample,
     }
+
+
+def _measure_cpu_s() -> float:
+    """Return the CPU time of all samples."""
+    times_s: list[float] = []
+    run_virtually(drive(lambda: times_s.append(time.thread_time())))
+    start_s, end_s = times_s
+    return end_s - start_s
 
 
 def _count_instructions(left_out: Collection[str]) -> int:

@@ -46,20 +46,7 @@ def _run(scenario: str) -> dict[str, float]:
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=ENVIRONMENT
         )
 
-        # Which look is that at the first light is known only from the summary, so all are stored.
-        peak_bytes = 0
-        seen_at: dict[float, tuple[float, float]] = {}
-        """CPU time of the process and queueing time of its main thread, s, by Unix time, s."""
-        while child.poll() is None:
-            try:
-                process = psutil.Process(child.pid)
-                peak_bytes = max(peak_bytes, process.memory_info().rss)
-                user_s, system_s, *_ = process.cpu_times()
-                queued_s = _queued_s(child.pid)
-                seen_at[time.time()] = (user_s + system_s, queued_s)
-            except psutil.Error:
-                break
-            time.sleep(LOOK_S)
+        seen_at, peak_bytes = _watch(child)
         code = child.wait()
         if code:
             raise RuntimeError(f"pointit run ended with {code}")
@@ -78,6 +65,28 @@ def _run(scenario: str) -> dict[str, float]:
         "command_to_first_cursor_s": to_cursor_s,
         "memory_peak_mb": peak_bytes / 1e6,
     }
+
+
+def _watch(child: "subprocess.Popen[bytes]") -> tuple[dict[float, tuple[float, float]], int]:
+    """Look at a process until it ends.
+
+    Return its CPU time and the queueing time of its main thread, s, by Unix time, s; then its peak memory,
+    bytes.
+    """
+    # Which look is that at the first light is known only from the summary, so all are stored.
+    seen_at: dict[float, tuple[float, float]] = {}
+    peak_bytes = 0
+    while child.poll() is None:
+        try:
+            process = psutil.Process(child.pid)
+            peak_bytes = max(peak_bytes, process.memory_info().rss)
+            user_s, system_s, *_ = process.cpu_times()
+            queued_s = _queued_s(child.pid)
+            seen_at[time.time()] = (user_s + system_s, queued_s)
+        except psutil.Error:
+            break
+        time.sleep(LOOK_S)
+    return seen_at, peak_bytes
 
 
 def _queued_s(pid: int) -> float:

@@ -66,7 +66,15 @@ def bno085_orientation(orientation: Quaternion, index: int = 0) -> bytes:
     norm = math.hypot(*orientation)
     if not abs(norm - 1.0) < 0.01:
         raise ValueError(f"the format has angles, and no quaternion of norm {norm}")
-    # the angles about z, y and x, in this order
+    yaw, pitch, roll = map(_hundredths, _euler_angles_rad(orientation))
+    # At rest an accelerometer measures what holds it up: 1 g upwards.
+    upwards = rotation.rotate(rotation.inverse(orientation), (0.0, 0.0, 1.0))
+    up_x_mg, up_y_mg, up_z_mg = (round(1000 * component) for component in upwards)
+    return bno085_packet(index, yaw, pitch, roll, (up_x_mg, up_y_mg, up_z_mg))
+
+
+def _euler_angles_rad(orientation: Quaternion) -> tuple[float, float, float]:
+    """Return yaw, pitch and roll: the turns about z, y and x, in this order."""
     x, y, z, w = orientation
     yaw_sine = 2 * (w * z + x * y)
     yaw_cosine = 1 - 2 * (y * y + z * z)
@@ -76,12 +84,7 @@ def bno085_orientation(orientation: Quaternion, index: int = 0) -> bytes:
     yaw_rad = math.atan2(yaw_sine, yaw_cosine)
     pitch_rad = math.asin(max(-1.0, min(1.0, pitch_sine)))  # rounding may leave the range of a sine
     roll_rad = math.atan2(roll_sine, roll_cosine)
-    yaw, pitch, roll = map(_hundredths, (yaw_rad, pitch_rad, roll_rad))
-
-    # At rest an accelerometer measures what holds it up: 1 g upwards.
-    upwards = rotation.rotate(rotation.inverse(orientation), (0.0, 0.0, 1.0))
-    up_x_mg, up_y_mg, up_z_mg = (round(1000 * component) for component in upwards)
-    return bno085_packet(index, yaw, pitch, roll, (up_x_mg, up_y_mg, up_z_mg))
+    return yaw_rad, pitch_rad, roll_rad
 
 
 def _hundredths(angle_rad: float) -> int:

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -82,22 +82,10 @@ async def _work() -> int:
                 _reply({})
                 continue
             sight.clear()
-            before = read_usage()
-            sent_before = sum(wrist.sent for wrist in wrists)
-            start_s = time.monotonic()
-            await drive_wrists(wrists, order["rate_hz"], order["duration_s"])
-            lasted_s = time.monotonic() - start_s
-            after = read_usage()
-
-            # Only an observer waits for what still travels. The usage above is without that time.
+            usage = await _drive(wrists, order["rate_hz"], order["duration_s"])
+            # Only an observer waits for what still travels. The usage is without that time.
             is_observer = task["watched"] or task["watches_light"]
             await asyncio.sleep(DRAIN_S if is_observer else 0.0)
-            cpu_s = 0.0
-            if before and after:
-                cpu_s = after.cpu_s - before.cpu_s
-            sent = sum(wrist.sent for wrist in wrists) - sent_before
-            memory_mb = after.memory_mb if after else 0.0
-            usage = {"lasted_s": lasted_s, "sent": sent, "cpu_s": cpu_s, "memory_mb": memory_mb}
             _reply({**usage, "sight": sight.dump()})
         if services.done():
             services.result()
@@ -106,6 +94,22 @@ async def _work() -> int:
         await asyncio.wait({services})
         await bus.close()
     return 0
+
+
+async def _drive(wrists: Sequence[LoadTestWrist], rate_hz: float, duration_s: float) -> dict[str, Any]:
+    """Drive the wrists. Return the time that it lasted, the samples, and the usage of this process."""
+    before = read_usage()
+    sent_before = sum(wrist.sent for wrist in wrists)
+    start_s = time.monotonic()
+    await drive_wrists(wrists, rate_hz, duration_s)
+    lasted_s = time.monotonic() - start_s
+    after = read_usage()
+    sent = sum(wrist.sent for wrist in wrists) - sent_before
+    cpu_s = 0.0
+    if before and after:
+        cpu_s = after.cpu_s - before.cpu_s
+    memory_mb = after.memory_mb if after else 0.0
+    return {"lasted_s": lasted_s, "sent": sent, "cpu_s": cpu_s, "memory_mb": memory_mb}
 
 
 def _now() -> Any:

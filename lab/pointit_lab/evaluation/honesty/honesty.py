@@ -309,19 +309,22 @@ def chosen(
     chosen_holds = [holds[index] for index in pointed] * injection.visits
 
     # one after the other
-    stamps_s: list[Array] = []
-    start_s = 0.0
-    for hold in chosen_holds:
-        own_stamps_s = pointings.stamps_s[hold]
-        hold_stamps_s = own_stamps_s - own_stamps_s[0] + start_s
-        stamps_s.append(hold_stamps_s)
-        start_s = float(hold_stamps_s[-1]) + PAUSE_S
+    stamps_s = _successive_stamps_s([pointings.stamps_s[hold] for hold in chosen_holds])
     rows = np.concatenate(chosen_holds)
     targets_m = np.repeat(lit_m, [len(hold) for hold in chosen_holds], axis=0)
-    chosen_pointings = Pointings(
-        np.concatenate(stamps_s), pointings.origins_m[rows], pointings.directions[rows], targets_m
-    )
+    chosen_pointings = Pointings(stamps_s, pointings.origins_m[rows], pointings.directions[rows], targets_m)
     return replace(trial, condition=f"{count} lamps", pointings=chosen_pointings)
+
+
+def _successive_stamps_s(stamps_s: Iterable[Array]) -> Array:
+    """Return the times of holds that follow each other with a pause, the first at 0."""
+    successive_s: list[Array] = []
+    start_s = 0.0
+    for own_s in stamps_s:
+        shifted_s = own_s - own_s[0] + start_s
+        successive_s.append(shifted_s)
+        start_s = float(shifted_s[-1]) + PAUSE_S
+    return np.concatenate(successive_s)
 
 
 def _holds(pointings: Pointings) -> list[NDArray[np.intp]]:

@@ -230,14 +230,7 @@ def _wrapped(angles_rad: Array) -> Array:
 
 def _errors(linearized: Sequence[_Linearized]) -> _Errors:
     """Return the errors of a person from the longest of `linearized` whose blocks are short."""
-    max_step_s = SAME_STEP * BLOCK_S
-    short = [trial for trial in linearized if trial.step_s <= max_step_s]
-    if not short:
-        short = list(linearized)
-    longest_s = max(trial.span_s for trial in short)
-    min_span_s = LONG * longest_s
-    chosen = [trial for trial in short if trial.span_s >= min_span_s]
-
+    chosen = _long_trials(linearized)
     # constant errors: least squares with a prior
     rows = [trial.slopes[:, :, 2:].reshape(-1, COLUMNS - 2) for trial in chosen]
     slopes = np.concatenate(rows)
@@ -256,6 +249,17 @@ def _errors(linearized: Sequence[_Linearized]) -> _Errors:
     uncorrelated = np.ones((2, 1))
     constant = _Errors(np.array(constants), turned_rad, step_s, uncorrelated)
     return replace(constant, correlation=_correlation(chosen, constant))
+
+
+def _long_trials(linearized: Sequence[_Linearized]) -> list[_Linearized]:
+    """Return the longest of the trials whose blocks are short, or of all if none is."""
+    max_step_s = SAME_STEP * BLOCK_S
+    short = [trial for trial in linearized if trial.step_s <= max_step_s]
+    if not short:
+        short = list(linearized)
+    longest_s = max(trial.span_s for trial in short)
+    min_span_s = LONG * longest_s
+    return [trial for trial in short if trial.span_s >= min_span_s]
 
 
 def _correlation(linearized: Sequence[_Linearized], errors: _Errors) -> Array:

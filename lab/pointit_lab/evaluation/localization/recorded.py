@@ -236,21 +236,26 @@ def _live(person: PersonInSession, yaws_rad: Collection[float | None]) -> Iterab
         x_error_m = pose.position_m[0] - place_m[0]
         y_error_m = pose.position_m[1] - place_m[1]
 
-        # stated sigmas; rounding may leave a variance below zero
-        covariance = np.array(pose.covariance).reshape(3, 3)
-        place_variances = np.linalg.eigvalsh(covariance[:2, :2])
-        place_variance = max(0.0, float(place_variances[-1]))
-        yaw_variance = max(0.0, float(covariance[2, 2]))
-        yaw_sigma_rad = math.sqrt(yaw_variance)
+        position_sigma_m, yaw_sigma_rad = _stated_sigmas(pose)
         condition = pose.method.replace("_", " ")
         yield Outcome(
             key=Key(set=SET, subject=person.user, condition=condition),
             solver=LIVE,
             position_m=math.hypot(x_error_m, y_error_m),
             yaw_deg=yaw_deg,
-            position_sigma_m=math.sqrt(place_variance),
+            position_sigma_m=position_sigma_m,
             yaw_sigma_deg=math.degrees(yaw_sigma_rad),
         )
+
+
+def _stated_sigmas(pose: UserPose) -> tuple[float, float]:
+    """Return the standard deviations of the position along its worst direction, m, and of the yaw, rad."""
+    # rounding may leave a variance below zero
+    covariance = np.array(pose.covariance).reshape(3, 3)
+    place_variances = np.linalg.eigvalsh(covariance[:2, :2])
+    place_variance = max(0.0, float(place_variances[-1]))
+    yaw_variance = max(0.0, float(covariance[2, 2]))
+    return math.sqrt(place_variance), math.sqrt(yaw_variance)
 
 
 def _anchors(subject: str, anchors: Sequence[Anchor]) -> Row:

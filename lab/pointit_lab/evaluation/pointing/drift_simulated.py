@@ -167,12 +167,7 @@ class DriftingPerson:
         count = round(model.rest_s * model.rest_hz)
         times = from_s + np.arange(count) / model.rest_hz
 
-        # how the arm moves, and the sensor's noise
-        yaw = self._wander(count, model.hold_yaw_sigma_rad)
-        pitch = self._wander(count, model.hold_pitch_sigma_rad)
-        yaw_noise, pitch_noise = self._rng.normal(0.0, model.noise_rad, (2, count))
-        yaw_errors = yaw + yaw_noise
-        pitch_errors = pitch + pitch_noise
+        yaw_errors, pitch_errors = self._hold_errors(count)
 
         # where it faces, and what the IMU makes of it
         facing = float(self._rng.uniform(-math.pi, math.pi)) - self._yaw_rad
@@ -188,6 +183,14 @@ class DriftingPerson:
             time_ns = round(float(time_s) * NS_PER_S)
             samples.append((orientation, time_ns))
         return samples
+
+    def _hold_errors(self, count: int) -> tuple[Array, Array]:
+        """Return the motion of an arm that hangs, with the sensor's noise: yaw and pitch (n each, rad)."""
+        model = self._model
+        yaw = self._wander(count, model.hold_yaw_sigma_rad)
+        pitch = self._wander(count, model.hold_pitch_sigma_rad)
+        yaw_noise, pitch_noise = self._rng.normal(0.0, model.noise_rad, (2, count))
+        return yaw + yaw_noise, pitch + pitch_noise
 
     def _wander(self, count: int, sigma_rad: float) -> Array:
         """Return a random walk with the correlation of people who hold still (Ornstein and Uhlenbeck)."""
@@ -311,27 +314,34 @@ def outcome(
         at_ns = round(at_s * NS_PER_S)
         for drift in (plain, rested):
             drift.update_anchor(at_ns, target, eyes_m, direction, spread_rad=person_model.hold_yaw_sigma_rad)
-        x_m, y_m, _ = target
-        seen = vector.azimuth((x_m - fix.x_m, y_m - fix.y_m, 0.0))
-        yaw_rad = seen - vector.azimuth(direction)
-        anchors.append((at_s, yaw_rad))
+        anchors.append((at_s, _anchored_yaw_rad(fix, target, direction)))
 
-    # predictions of the yaw later
+    truth = person.yaw_rad(LEARNING_S)
+    errors: Outcome = {}
+    for solver, (predicted_rad, sigma_rad) in _predictions(anchors, plain, rested).items():
+        errors[solver] = (_wrap(predicted_rad - truth), sigma_rad)
+    return errors
+
+
+def _predictions(anchors: Sequence[tuple[float, float]], plain: DriftFilter, rested: DriftFilter) -> Outcome:
+    """Return the yaw at `LEARNING_S` and its sigma by solver, of anchors (time, yaw) and two filters."""
     learning_ns = round(LEARNING_S * NS_PER_S)
     pose = plain.predict(learning_ns)
     rested_pose = rested.predict(learning_ns)
-    yaws: Outcome = {
+    return {
         "raw": (anchors[0][1], None),
         "re-anchored": (anchors[-1][1], None),
         "re-anchored, constant rate": (_extrapolated(anchors), None),
         "pointit": (pose.yaw_rad, pose.yaw_sigma_rad),
         "pointit, rests": (rested_pose.yaw_rad, rested_pose.yaw_sigma_rad),
     }
-    truth = person.yaw_rad(LEARNING_S)
-    errors: Outcome = {}
-    for solver, (yaw_rad, sigma_rad) in yaws.items():
-        errors[solver] = (_wrap(yaw_rad - truth), sigma_rad)
-    return errors
+
+
+def _anchored_yaw_rad(fix: Fix, target: Vec3, direction: Vec3) -> float:
+    """Return the yaw in which the ray `direction` ({H}) meets `target` from the localized place."""
+    x_m, y_m, _ = target
+    seen_rad = vector.azimuth((x_m - fix.x_m, y_m - fix.y_m, 0.0))
+    return seen_rad - vector.azimuth(direction)
 
 
 def _rest(drift: DriftFilter, samples: Iterable[tuple[rotation.Quaternion, int]]) -> None:

@@ -93,11 +93,24 @@ def run(seed: int, skill: float | None) -> Result:
     walk_rad = _drawn(math.pi / 2.0, WALK_AZIMUTH_SIGMA_RAD, rng)
     second_m = (walk_m * math.cos(walk_rad), walk_m * math.sin(walk_rad))
 
-    # a press at each lamp from both places, while the yaw drifts
+    # a press at each lamp from both places
+    first_seen = angles(lamps_m, (0.0, 0.0, eyes_m))
+    second_seen = angles(lamps_m, (*second_m, eyes_m))
+    rays = _rays({FIRST: first_seen, SECOND: second_seen}, error, drift_radps)
+    return judged(locate_paced(rays), lamps_m, second_m, eyes_m, error, rng)
+
+
+def _rays(seen_from: dict[str, Array], error: OpenLoopError, drift_radps: float) -> list[TargetRay]:
+    """Return a ray at each lamp from each place, while the yaw drifts.
+
+    Args:
+        seen_from: azimuths and elevations of the lamps (n x 2, rad) by place.
+        error: of the person, drawn for each reach.
+        drift_radps: of the yaw.
+    """
     rays: list[TargetRay] = []
     time_s = 0.0
-    for place, place_m in ((FIRST, (0.0, 0.0)), (SECOND, second_m)):
-        seen = angles(lamps_m, (*place_m, eyes_m))
+    for place, seen in seen_from.items():
         for index, lamp in enumerate(seen):
             aim = _aim(error, lamp, seen[index - 1])
             azimuth = float(aim[0]) + drift_radps * time_s
@@ -105,7 +118,7 @@ def run(seed: int, skill: float | None) -> Result:
             rays.append(paced_ray(str(index), place, (0.0, 0.0, EYES_M), direction))
             time_s += SECONDS_A_PRESS
         time_s += WALK_S
-    return judged(locate_paced(rays), lamps_m, second_m, eyes_m, error, rng)
+    return rays
 
 
 def _drawn(mean: float, sigma: float, rng: np.random.Generator) -> float:

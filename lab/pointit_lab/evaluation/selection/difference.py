@@ -120,20 +120,9 @@ def _sums(scores: Sequence[Score]) -> Array:
 
 def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Interval | None]:
     """Return the intervals of `_differences`. That of the times is None if a resample has no time."""
-    # a resample in chunks, which bounds the memory, with enough draws beyond each tail
-    count = len(mine)
-    rng = np.random.default_rng(count)
-    draws = TAIL / tail
-    chunks = max(2, int(np.ceil(draws / CHUNK)))
-    shares = np.full(count, 1.0 / count)
-    drawn_chunks: list[Array] = []
-    for _ in range(chunks):
-        weights = rng.multinomial(count, shares, CHUNK)
-        drawn_chunks.append(_differences(weights, mine, others))
-    drawn = np.concatenate(drawn_chunks)
-
+    drawn = _resampled(mine, others, tail)
     # the values are those of each trial once
-    once = np.ones((1, count))
+    once = np.ones((1, len(mine)))
     values = _differences(once, mine, others)[0]
     intervals: list[Interval] = []
     for value, resampled in zip(values.tolist(), drawn.T, strict=True):
@@ -143,6 +132,21 @@ def _intervals(mine: Array, others: Array, tail: float) -> tuple[Interval, Inter
     errors, time_s = intervals
     has_times = bool(np.isfinite(drawn).all())
     return errors, time_s if has_times else None
+
+
+def _resampled(mine: Array, others: Array, tail: float) -> Array:
+    """Return the differences of k resamples, k x 2, with enough draws beyond each tail."""
+    count = len(mine)
+    rng = np.random.default_rng(count)
+    draws = TAIL / tail
+    shares = np.full(count, 1.0 / count)
+    # in chunks, which bounds the memory
+    chunks = max(2, int(np.ceil(draws / CHUNK)))
+    drawn_chunks: list[Array] = []
+    for _ in range(chunks):
+        weights = rng.multinomial(count, shares, CHUNK)
+        drawn_chunks.append(_differences(weights, mine, others))
+    return np.concatenate(drawn_chunks)
 
 
 def _differences(weights: NDArray[np.integer] | Array, mine: Array, others: Array) -> Array:

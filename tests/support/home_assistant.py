@@ -62,12 +62,15 @@ class HomeSite:
     @property
     def selected(self) -> set[str]:
         """Things that are on."""
-        return {name for name, each in self.states.items() if each.state == "on"}
+        return {name for name, state in self.states.items() if state.state == "on"}
 
     @property
     def told(self) -> str:
         """Code and sentence of the last act."""
-        return f"{self.results[-1].code}: {self.results[-1].text}" if self.results else ""
+        if not self.results:
+            return ""
+        last = self.results[-1]
+        return f"{last.code}: {last.text}"
 
     def point(self, name: str, *, on: bool = True, user: str = "anna") -> None:
         self._stamp_ns = max(self._stamp_ns + 1, self._bench.clock.now_ns())
@@ -214,7 +217,9 @@ class MemoryHome:
         old = self.states.pop(entity, None)
         new: Message | None = None
         if state is not None:
-            kept: Message = (old or {}).get("attributes", {}) if state != "unavailable" else {}
+            kept: Message = {}
+            if old is not None and state != "unavailable":
+                kept = old.get("attributes", {})
             new = {"entity_id": entity, "state": state, "attributes": {**kept, **attributes}}
             self.states[entity] = new
             new = {**new, "context": self.contexts[entity]}
@@ -245,44 +250,52 @@ class MemoryHome:
         number = command["id"]
         result: Any = None
         if command["type"] == "get_states":
-            states = ({**each, "context": self.contexts.get(name)} for name, each in self.states.items())
-            result = [*self.junk, *states]
+            result = [*self.junk]
+            for name, state in self.states.items():
+                result.append({**state, "context": self.contexts.get(name)})
         elif command["type"] == "subscribe_events":
             self._subscriptions.append((websocket, number, command["event_type"]))
         elif command["type"] == "call_service":
-            entity = command["target"]["entity_id"]
-            data = command["service_data"]
-            context = self.new_context("pointit")
-            delay_s = self.latency_s + self.report_delay_s
-            if delay_s and not self.refusal:  # also if the client is dead by then
-                asyncio.get_running_loop().call_later(
-                    delay_s, self.act, command["service"], entity, data, context
-                )
-            self.calls.append((f"{command['domain']}.{command['service']}", entity, data))
-            await asyncio.sleep(self.latency_s)
+            result = await self._call(command)
             if self.refusal:
                 error = {"code": self.refusal_code, "message": self.refusal}
                 await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})
                 return
-            if not delay_s:
-                self.act(command["service"], entity, data, context)
-                await asyncio.sleep(0)  # the report comes before the result
-            result = {"context": context, "response": None}
         else:
             result = self.registries.get(command["type"], [])
         with contextlib.suppress(ConnectionClosed):
             await _send(websocket, {"id": number, "type": "result", "success": True, "result": result})
 
+    async def _call(self, command: Message) -> Message:
+        """Note the call of a service, and do it unless it is refused. Return its result."""
+        service = command["service"]
+        entity = command["target"]["entity_id"]
+        data = command["service_data"]
+        context = self.new_context("pointit")
+        delay_s = self.latency_s + self.report_delay_s
+        if delay_s and not self.refusal:  # also if the client is dead by then
+            asyncio.get_running_loop().call_later(delay_s, self.act, service, entity, data, context)
+        self.calls.append((f"{command['domain']}.{service}", entity, data))
+        await asyncio.sleep(self.latency_s)
+        if not delay_s and not self.refusal:
+            self.act(service, entity, data, context)
+            await asyncio.sleep(0)  # the report comes before the result
+        return {"context": context, "response": None}
+
     def act(self, service: str, entity: str, data: Message, context: Message | None = None) -> None:
         """Do to an entity what a service does, in a context, by default that of somebody in the app."""
         context = context or self.new_context("somebody")
         state = self.states.get(entity)
-        if state is None or state["state"] == "unavailable" or self.is_deaf:
+        if state is None or self.is_deaf:
+            return
+        if state["state"] == "unavailable":
             return
         is_on = state["state"] == "on"
-        if service == "turn_on" or (service == "toggle" and not is_on):
+        goes_on = service == "toggle" and not is_on
+        if service == "turn_on" or goes_on:
             last = self._last_brightness.pop(entity, 180)
-            self.set(entity, "on", context, **({"brightness": last} if not is_on else {}) | data)
+            attributes = data if is_on else {"brightness": last} | data
+            self.set(entity, "on", context, **attributes)
         elif service in ("turn_off", "toggle"):
             if is_on:
                 self._last_brightness[entity] = state["attributes"].get("brightness", 180)
@@ -313,24 +326,16 @@ async def played(path: Path) -> AsyncGenerator[int]:
                     reply = {"id": message["id"], "type": "result", "success": True, "result": RUNNING}
                     await _send(websocket, reply)
                     continue
-                wanted = _without_secrets({key: each for key, each in message.items() if key != "id"})
-                index = next(
-                    (
-                        number
-                        for number, each in reversed([*enumerate(entries)])  # the newest conversation
-                        if {key: value for key, value in each.get("client", {}).items() if key != "id"}
-                        == wanted
-                    ),
-                    None,
-                )
-                assert index is not None, f"not in the recording: {wanted}"
+
+                # the recorded answers to the same command, with this client's numbers
+                index = _newest_index(entries, _without_secrets(_without_id(message)))
                 recorded = entries.pop(index)["client"].get("id")
                 numbers[recorded] = message.get("id")
                 while index < len(entries) and "server" in entries[index]:
                     answer = entries.pop(index)["server"]
-                    await _send(
-                        websocket, {**answer, **({"id": numbers[answer["id"]]} if "id" in answer else {})}
-                    )
+                    if "id" in answer:
+                        answer = {**answer, "id": numbers[answer["id"]]}
+                    await _send(websocket, answer)
 
     numbers: dict[int, int] = {}
     async with serve(play, "127.0.0.1", 0) as server:
@@ -345,9 +350,10 @@ async def recording(url: str, path: Path, keep: Callable[[Message], bool]) -> As
         def write(side: str, text: str | bytes) -> None:
             value: Any = json.loads(text)
             messages = cast("list[Message]", value) if isinstance(value, list) else [value]
-            for each in messages:
-                if keep(each):
-                    file.write(json.dumps({side: _without_secrets(each)}) + "\n")
+            for message in messages:
+                if keep(message):
+                    line = json.dumps({side: _without_secrets(message)})
+                    file.write(line + "\n")
 
         async def forward(websocket: ServerConnection) -> None:
             async with connect(url, max_size=None) as upstream:
@@ -368,7 +374,21 @@ async def recording(url: str, path: Path, keep: Callable[[Message], bool]) -> As
 
 
 def _without_secrets(message: Message) -> Message:
-    return {key: "TOKEN" if key == "access_token" else each for key, each in message.items()}
+    if "access_token" not in message:
+        return message
+    return {**message, "access_token": "TOKEN"}
+
+
+def _without_id(message: Message) -> Message:
+    return {key: value for key, value in message.items() if key != "id"}
+
+
+def _newest_index(entries: list[Message], command: Message) -> int:
+    """Return the index of the last entry with `command`, which is of the newest conversation."""
+    for index in reversed(range(len(entries))):
+        if _without_id(entries[index].get("client", {})) == command:
+            return index
+    raise AssertionError(f"not in the recording: {command}")
 
 
 @contextlib.asynccontextmanager

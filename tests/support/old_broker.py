@@ -32,7 +32,9 @@ def _matches(pattern: str, topic: str) -> bool:
     if wanted[-1] == "#":
         wanted = wanted[:-1]
         levels = levels[: len(wanted)]
-    return len(wanted) == len(levels) and all(a in ("+", b) for a, b in zip(wanted, levels, strict=True))
+    if len(wanted) != len(levels):
+        return False
+    return all(part in ("+", level) for part, level in zip(wanted, levels, strict=True))
 
 
 @dataclass
@@ -127,9 +129,8 @@ class OldBroker:
             at = end + 1
         properties = b"\x00" if self.takes_over else b""
         answers = [_packet(0x90, number + properties + bytes(codes))]
-        answers += [
-            _packet(0x31, _text(topic.encode()) + payload)
-            for topic, payload in self.retained.items()
-            if any(_matches(each, topic) for each in granted)
-        ]
+        # what is retained comes once, whatever the number of patterns that it matches
+        for topic, payload in self.retained.items():
+            if any(_matches(pattern, topic) for pattern in granted):
+                answers.append(_packet(0x31, _text(topic.encode()) + payload))
         return b"".join(answers)

@@ -53,6 +53,7 @@ def _run(scenario: str) -> dict[str, float]:
         text = summary_file.read_text(encoding="utf-8")
         summary = json.loads(text)
 
+    # the look nearest to the first light
     light_s = summary["first_frame_unix_s"]
     nearest_s = min(seen_at, key=lambda at_s: abs(at_s - light_s))
     cpu_s, queued_s = seen_at[nearest_s]

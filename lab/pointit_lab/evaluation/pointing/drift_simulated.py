@@ -269,6 +269,7 @@ def _solver_row(condition: str, solver: str, outcomes: Sequence[Outcome]) -> Row
     if within:
         yaw_within_2_sigma = float(np.mean(within))
 
+    # as multiples of plain re-anchoring, over people
     times_plain = None
     if solver != PLAIN:
         names = [str(seed) for seed in range(len(outcomes))]

@@ -1,33 +1,36 @@
-"""A plugin (`-p tests.support.cpu_times`): at the end, the tests that took most CPU.
+"""A plugin (`-p tests.support.cpu_times`): at the end, the files and tests that took most, and how much was idle.
 
 What processes took that a test started and waited for counts, also forked ones. Durations on a busy machine
-tell of others.
+tell of others; CPU does not.
 """
 
+import dataclasses
 import os
 import threading
+import time
 from collections.abc import Generator
 from multiprocessing import forkserver
+from typing import Any
 
 import psutil
 import pytest
 
-HEAVIEST = 40
+from tests.support.run_costs import Cost, RunCosts
+
 STOP_S = 10.0
 """Longest wait for it, s: it stays while a process that it forked does."""
-_CPU_S = "cpu_s"
-_BEGAN = pytest.StashKey[float]()
-_cpu_s: dict[str, float] = {}
+_COST = "cost"
+"""Name of the property of a test's last report, which travels from other processes, too."""
+_BEGAN = pytest.StashKey[tuple[float, float]]()
+"""Monotonic time and CPU at the start of a test, s."""
+_SESSION_BEGAN_S = pytest.StashKey[float]()
+_costs: dict[str, Cost] = {}
 _FORKS = getattr(forkserver, "_forkserver", None)
 """The process that commands are forked from, which ends last. Nobody else waits for it."""
 
 
-def _now_s() -> float:
-    now_s = _of(os.getpid())
-    forking = getattr(_FORKS, "_forkserver_pid", None)
-    if forking:
-        now_s += _of(forking)
-    return now_s
+def _cpu_s() -> float:
+    return sum(_of(pid) for pid in (os.getpid(), getattr(_FORKS, "_forkserver_pid", None)) if pid)
 
 
 def _of(pid: int) -> float:
@@ -35,6 +38,11 @@ def _of(pid: int) -> float:
     own_s = times.user + times.system
     children_s = times.children_user + times.children_system
     return float(own_s + children_s)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Note when the run begins."""
+    session.config.stash[_SESSION_BEGAN_S] = time.monotonic()
 
 
 def pytest_unconfigure() -> None:
@@ -48,7 +56,7 @@ def pytest_unconfigure() -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
     """Begin to measure a test."""
-    item.stash[_BEGAN] = _now_s()
+    item.stash[_BEGAN] = time.monotonic(), _cpu_s()
     yield
 
 
@@ -56,10 +64,16 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, None, object]:
-    """Give a test's last report its CPU time, which travels from other processes, too."""
+    """Give a test's last report its cost."""
     if call.when == "teardown":
-        took_s = _now_s() - item.stash[_BEGAN]
-        item.user_properties.append((_CPU_S, took_s))
+        began_s, cpu_before_s = item.stash[_BEGAN]
+        cost = Cost(
+            process=os.environ.get("PYTEST_XDIST_WORKER", ""),
+            began_s=began_s,
+            ended_s=time.monotonic(),
+            cpu_s=_cpu_s() - cpu_before_s,
+        )
+        item.user_properties.append((_COST, dataclasses.asdict(cost)))
     report: object = yield
     return report
 
@@ -67,14 +81,22 @@ def pytest_runtest_makereport(
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Note it."""
     for name, value in report.user_properties:
-        if name == _CPU_S:
-            _cpu_s[report.nodeid] = float(str(value))
+        if name == _COST:
+            fields: Any = value
+            _costs[report.nodeid] = Cost(**fields)
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print the heaviest, and what all took."""
-    tests = sorted(_cpu_s.items(), key=lambda test: -test[1])
-    total_s = sum(_cpu_s.values())
-    terminalreporter.section(f"most CPU of {total_s:.0f} s in {len(tests)} tests")
-    for name, took_s in tests[:HEAVIEST]:
-        terminalreporter.line(f"{took_s:6.2f} s {name}")
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print the report, when all other processes have ended."""
+    if not _costs:
+        return
+    costs = RunCosts(
+        tests=_costs,
+        began_s=config.stash[_SESSION_BEGAN_S],
+        ended_s=time.monotonic(),
+        cpu_s=_cpu_s(),
+        cores=os.cpu_count() or 1,
+    )
+    terminalreporter.section("costs")
+    for line in costs.lines():
+        terminalreporter.line(line)

@@ -83,6 +83,7 @@ def package(
             "robot": PluginGroup("pointit.found_robots", DevicePlugin, "robot driver", has_ours=False),
         }
         monkeypatch.setattr(devices, "GROUPS", groups)
+        monkeypatch.setattr(devices, "MOCAP_SYSTEMS", ShippedDevices("found_mocap", "motion capture"))
         monkeypatch.setattr(devices, "HOME_ASSISTANTS", ShippedDevices("found_homes", "Home Assistant"))
         try:
             yield groups

@@ -44,8 +44,19 @@ class Server:
 
     @asynccontextmanager
     async def page(
-        self, token: str = OPERATOR, *, acknowledges: bool = True, path: str = "/ws", cookies: str = ""
+        self,
+        token: str = OPERATOR,
+        *,
+        acknowledges: bool = True,
+        path: str = "/ws",
+        cookies: str = "",
+        hangs_up: bool = False,
     ) -> AsyncGenerator["Page"]:
+        """Open a page.
+
+        `hangs_up`: it ends without the closing handshake, which a server that has stopped reading would leave
+        unanswered for ten seconds.
+        """
         async with self.connect(await self.cookie(token) + cookies, path) as socket:
             page = Page(socket, acknowledges=acknowledges)
             reading = asyncio.create_task(page.read())
@@ -55,6 +66,8 @@ class Server:
             finally:
                 reading.cancel()
                 await asyncio.gather(reading, return_exceptions=True)
+                if hangs_up:
+                    socket.transport.abort()
 
 
 class Page:

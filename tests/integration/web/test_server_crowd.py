@@ -111,6 +111,16 @@ async def talking(
             await writer.wait_closed()
 
 
+async def test_parts_of_a_response_wait_for_no_acknowledgement() -> None:
+    async with listening() as listener, talking(listener) as (reader, writer):
+        writer.write(ASKED)
+        assert await reader.readline() == b"HTTP/1.1 200 OK\r\n"
+
+        (connection,) = listener._state.connections
+        accepted = connection.transport.get_extra_info("socket")
+        assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
+
+
 async def is_answered(listener: Listener) -> bool:
     """Return True if a well-behaved client has its response."""
     async with talking(listener) as (reader, writer), asyncio.timeout(60.0):

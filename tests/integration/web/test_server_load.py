@@ -117,7 +117,7 @@ async def test_viewers_share_a_budget_that_refused_requests_spend(
     monkeypatch.setattr(page_session, "VIEWERS_HZ", 0.001)
     monkeypatch.setattr(page_session, "VIEWERS_BURST", 6.0)
     async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
-        viewers = [await stack.enter_async_context(server.page(VIEWER)) for _ in range(3)]
+        viewers = [await stack.enter_async_context(server.page(VIEWER, hangs_up=True)) for _ in range(3)]
         operator = await stack.enter_async_context(server.page())
         for number in range(10):
             for page in viewers:
@@ -146,7 +146,7 @@ async def test_flood_of_a_viewer_is_not_parsed_beyond_the_allowance(monkeypatch:
         parse(protocol)
 
     async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
-        flooder = await stack.enter_async_context(server.page(VIEWER))
+        flooder = await stack.enter_async_context(server.page(VIEWER, hangs_up=True))
         operator = await stack.enter_async_context(server.page())
         monkeypatch.setattr(PacedWebSocket, "send_receive_event_to_app", count_and_parse)
 
@@ -172,7 +172,7 @@ async def test_repeated_acknowledgement_costs_and_closes_the_page(monkeypatch: p
     monkeypatch.setattr(page_session, "VIEWERS_BURST", float(MAX_MALFORMED + 3))
     async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
         viewer = await stack.enter_async_context(server.page(VIEWER))
-        other = await stack.enter_async_context(server.page(VIEWER))
+        other = await stack.enter_async_context(server.page(VIEWER, hangs_up=True))
         await until(lambda: bool(viewer.batches))
 
         await send_many(viewer, [json.dumps({"kind": "ack", "n": 1})] * (2 * MAX_MALFORMED))

@@ -18,6 +18,11 @@ from pointit.schemas.base import ConstructorChecks
 from pointit.testing.bench import no_task_left
 from tests.support.buses import free_port
 from tests.support.commands import Commands
+from tests.support.schedule import (
+    pytest_xdist_make_scheduler,  # noqa: F401 - a hook
+    start_shares,
+    unit_of,
+)
 from tests.support.thread_report import pytest_runtest_makereport  # noqa: F401 - a hook
 
 # The same few examples in every run: a failure is due to a change. `--hypothesis-profile=search` tries more,
@@ -62,28 +67,12 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mix the folders' files for the processes of pytest-xdist, so that some wait while others compute.
-
-    In the order of folders, all would wait for sockets and processes first. Files of a folder are spread over
-    the time; those of unit tests are the shortest and last a tenth longer, so that no long file is the last.
-    """
+    """Mix the folders' files for the processes of pytest-xdist: in their order, all would wait first."""
     if not hasattr(config, "workerinput"):
         return
-    files: dict[str, dict[Path, int]] = {}
-    for item in items:
-        of_folder = files.setdefault(_folder(item), {})
-        of_folder.setdefault(item.path, len(of_folder))
-
-    def moment(item: pytest.Item) -> float:
-        folder = _folder(item)
-        share = files[folder][item.path] / len(files[folder])
-        return share if folder == "unit" else 0.9 * share
-
-    items.sort(key=moment)
-
-
-def _folder(item: pytest.Item) -> str:
-    return item.path.relative_to(Path(__file__).parent).parts[0]
+    tests = [(item.nodeid, item.get_closest_marker("slow") is not None) for item in items]
+    shares = start_shares(tests)
+    items.sort(key=lambda item: shares[unit_of(item.nodeid)])
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,4 +1,4 @@
-"""A plugin (`-p tests.support.cpu_times`): at the end, the files and tests that took most, and how much was idle.
+"""A plugin (`-p tests.support.cpu_times`): at the end, the files and tests that took most, and what was idle.
 
 What processes took that a test started and waited for counts, also forked ones. Durations on a busy machine
 tell of others; CPU does not.

@@ -5,6 +5,7 @@ tell of others; CPU does not.
 """
 
 import dataclasses
+import functools
 import os
 import threading
 import time
@@ -30,14 +31,20 @@ _FORKS = getattr(forkserver, "_forkserver", None)
 
 
 def _cpu_s() -> float:
-    return sum(_of(pid) for pid in (os.getpid(), getattr(_FORKS, "_forkserver_pid", None)) if pid)
+    own = os.times()
+    of_this_s = own.user + own.system + own.children_user + own.children_system
+    pid: int | None = getattr(_FORKS, "_forkserver_pid", None)
+    return of_this_s if pid is None else of_this_s + _of(_process(pid))
 
 
-def _of(pid: int) -> float:
-    times = psutil.Process(pid).cpu_times()
-    own_s = times.user + times.system
-    children_s = times.children_user + times.children_system
-    return float(own_s + children_s)
+@functools.cache
+def _process(pid: int) -> psutil.Process:
+    return psutil.Process(pid)
+
+
+def _of(process: psutil.Process) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system + times.children_user + times.children_system)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -74,7 +74,7 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
     listener = None
     try:
         family, address = resolve(host, port, socket.SOCK_STREAM)[0]
-        # Without the protocol, asyncio leaves Nagle's algorithm on in the connections: the second part of each
+        # Without the protocol, asyncio leaves Nagle's algorithm on in connections: the second part of each
         # response would wait for the delayed acknowledgement of the first one, 40 ms on Linux
         listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         # On Windows, an address that may be reused is one that another process may take over

@@ -14,7 +14,7 @@ HEAVY_TESTS = 40
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What one test took, with its fixtures."""
+    """Wall time and CPU of one test with its fixtures."""
 
     process: str
     """Name of the process of pytest-xdist that ran it, or `""` if there is only one."""
@@ -59,7 +59,7 @@ class RunCosts:
         return max(0.0, 1.0 - self.cpu_s / (self.cores * self.wall_s))
 
     def process_shares(self) -> dict[str, float]:
-        """Return what the processes did, as shares of their time."""
+        """Return the share of the processes' time for each use of it."""
         of_process = defaultdict[str, list[Cost]](list)
         for cost in self.tests.values():
             of_process[cost.process].append(cost)
@@ -83,7 +83,7 @@ class RunCosts:
         return {name: spent_s / total_s for name, spent_s in shares.items()}
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of a report: shares, then files and tests that took most."""
+        """Yield the lines of a report: shares of time, then the files and tests that took most."""
         yield (
             f"{len(self.tests)} tests in {self.wall_s:.0f} s with {self.cpu_s:.0f} s of CPU: "
             f"{self.idle_share():.0%} of the time of {self.cores} cores was idle"

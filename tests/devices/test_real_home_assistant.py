@@ -2,8 +2,10 @@
 
 Home Assistant needs an environment of its own, with its Python: `python3.13 -m venv DIR` and
 `DIR/bin/pip install homeassistant==2025.4.4`, or `python3.14 -m venv DIR` and `DIR/bin/pip install
-homeassistant numpy av`. HOME_ASSISTANT_PYTHON=DIR/bin/python scripts/test -m long
-tests/devices/test_real_home_assistant.py then starts one with its integration `demo`, and ends it.
+homeassistant numpy av`, and what `demo` needs, which Home Assistant else fetches at its first start:
+`gazetteer-matcher hassil home-assistant-intents mutagen PyNaCl PyTurboJPEG`, as its manifests have them.
+HOME_ASSISTANT_PYTHON=DIR/bin/python scripts/test -m long tests/devices/test_real_home_assistant.py then
+starts one with its integration `demo`, and ends it.
 """
 
 import asyncio

@@ -98,6 +98,8 @@ class SetupSession:
         self._pressed_s = -math.inf
         self._press_direction: Vec3 | None = None
         """Direction of the last press, {H}, until the person points elsewhere."""
+        self._refusal = ""
+        """Reason of an act that was refused in that direction, or `""`."""
         self._answered_s = -math.inf
         self._shown = ("", -math.inf)
         """Lamp that shows which one it is, and until when."""
@@ -258,10 +260,15 @@ class SetupSession:
             self._entities = await entities_of(connection)
 
     def _shown_problem(self, connection_problem: str) -> str:
-        """Return the problem of the last act, else that of a connection that is needed, else `""`."""
+        """Return the problem of the last act, else that of a connection that is needed, else `""`.
+
+        An act that was refused is one: who points with a phone sees the page's cards, and no message of it.
+        """
         state = self.progress.state
         if self._problem:
             return self._problem
+        if self._refusal:
+            return self._refusal
         if not state.url or self._connection is not None:
             return ""
         if state.step == "connect":
@@ -398,7 +405,8 @@ class SetupSession:
         """
         if user != self.progress.state.user or self._press_direction is None:
             return ""
-        return "you still point where you pressed: point elsewhere first, and then at it"
+        self._refusal = "you still point where you pressed: point elsewhere first, and then at it"
+        return self._refusal
 
     async def _press_button(self) -> None:
         async with self._acting:
@@ -424,6 +432,7 @@ class SetupSession:
         pressed = self._press_direction
         if pressed is not None and vector.angle_between(pressed, ray.direction) > AWAY_RAD:
             self._press_direction = None
+            self._refusal = ""
 
     def _on_imu(self, sample: ImuSample, user: str) -> None:
         if user == self.progress.state.user:

@@ -272,6 +272,48 @@ async def test_home_is_set_up_by_cards_and_continues_after_kills(browser: Browse
         assert [fault for fault in window.faults if not any(word in fault for word in cut_off)] == []
 
 
+async def test_placing_goes_on_after_kills_at_each_place(browser: Browser, run: HomeRun) -> None:
+    async with memory_home() as (home, port):
+        site = await run.start()
+        window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
+        await connect(window, port)
+        await choose(window)
+        await title(window, "What do you point with?")
+        hand = Hand(await paired_phone(browser, site))
+        await use(window, "Next")
+        await place(window, hand, list(LAMPS))
+        await title(window, "Walk to a second place")
+
+        site = await run.kill(window)
+        await title(window, "Where do you point now?")
+        hand = Hand(await paired_phone(browser, site), zero_rad=-0.3)
+        await place(window, hand, ["light.desk"])
+        await title(window, "Walk to a second place")
+        await use(window, "I am there")
+        hand.place_m = SECOND_M
+        await place(window, hand, ["light.desk"])
+        await expect(window.page.locator(".setup-turn")).to_contain_text("Point at Door")
+
+        site = await run.kill(window)
+        await title(window, "Where do you point now?")
+        await expect(window.page.locator(".setup-turn")).to_contain_text("Stand at your second place")
+        hand = Hand(await paired_phone(browser, site), SECOND_M, zero_rad=0.2)
+        await place(window, hand, list(LAMPS))
+        await title(window, "Try it")
+
+        site = await run.kill(window)
+        await title(window, "Where do you point now?")
+        await expect(window.page.locator(".setup-turn")).to_contain_text("Stand at your first place")
+        hand = Hand(await paired_phone(browser, site), zero_rad=-0.5)
+        await place(window, hand, ["light.desk"])
+        await title(window, "Try it")
+        await until(lambda: is_as_before(home), 20, "all lamps as before")
+        async with asyncio.timeout(60):
+            while home.states["light.door"]["state"] == "off":
+                await hand.hold("light.door", 0.5)
+        assert [home.states[lamp]["state"] for lamp in ("light.desk", "light.shelf")] == ["on", "off"]
+
+
 async def test_mouse_tries_out_a_home(browser: Browser, run: HomeRun) -> None:
     async with memory_home() as (_home, port):
         site = await run.start()

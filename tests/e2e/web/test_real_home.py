@@ -6,10 +6,14 @@ tests/e2e/web/test_real_home.py then starts and ends it.
 """
 
 import asyncio
+import socket
 import time
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 
 import pytest
 from playwright.async_api import Browser, expect
+from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected
@@ -20,7 +24,6 @@ from tests.e2e.web.test_home import (
     LAMPS,
     Hand,
     HomeRun,
-    connect,
     paired_phone,
     place,
     run,
@@ -36,8 +39,12 @@ pytestmark = [
     pytest.mark.skipif(not PYTHON, reason="HOME_ASSISTANT_PYTHON names no Python with Home Assistant"),
 ]
 MAX_S = 240.0
-PAUSE_S = 3.0
+PAUSE_S = 8.0
 """Time in which a person reads a card, s."""
+TICK_S = 1.5
+"""Time in which a person finds a lamp in the list, s."""
+NAME = "Home of a test"
+KIND = "_home-assistant._tcp.local."
 ENTITIES = {
     "light.bed_light": "Bed Light",
     "light.ceiling_lights": "Ceiling Lights",
@@ -50,23 +57,52 @@ async def states_of(connection: HomeAssistantConnection) -> dict[str, tuple[str,
     return {name: (states[name]["state"], states[name]["attributes"].get("brightness")) for name in ENTITIES}
 
 
+@asynccontextmanager
+async def announced(port: int) -> AsyncGenerator[None]:
+    """Announce a Home Assistant of this machine, as its integration `zeroconf` does in a home."""
+    info = AsyncServiceInfo(
+        KIND,
+        f"{NAME}.{KIND}",
+        addresses=[socket.inet_aton("127.0.0.1")],
+        port=port,
+        properties={"location_name": NAME},
+        server="home-of-a-test.local.",
+    )
+    async with AsyncZeroconf() as announcer:
+        await (await announcer.async_register_service(info))
+        yield
+
+
+async def connect(window: Window, token: str) -> None:
+    """Choose the Home Assistant that was found, and paste the token: nothing else is typed."""
+    home = window.page.locator(".setup").get_by_role("button", name=NAME)
+    await home.click()
+    await asyncio.sleep(PAUSE_S)  # the person makes a token in their profile
+    token_field = window.page.get_by_label("Access token")
+    await expect(token_field).to_be_focused()
+    await window.page.keyboard.insert_text(token)
+    await window.page.keyboard.press("Enter")
+
+
 async def test_first_lamp_is_switched_within_four_minutes(
     browser: Browser, run: HomeRun, config: HomeAssistantConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(test_home, "LAMPS", dict(zip(ENTITIES, LAMPS.values(), strict=True)))
     monkeypatch.setattr(test_home, "LABELS", ENTITIES)
     assert len(LABELS) == len(ENTITIES)
-    async with connected(config) as connection, reading(connection):
+    port = int(config.url.rpartition(":")[2])
+    async with announced(port), connected(config) as connection, reading(connection):
         before = await states_of(connection)
         begin_s = time.monotonic()
         site = await run.start()
         window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
         await title(window, "Where are your lamps?")
         await asyncio.sleep(PAUSE_S)
-        await connect(window, int(config.url.rpartition(":")[2]), config.read_token())
+        await connect(window, config.read_token())
         await title(window, "Which lamps do you want to point at?")
         await asyncio.sleep(PAUSE_S)
         for label in ENTITIES.values():
+            await asyncio.sleep(TICK_S)
             await window.page.locator(".setup").get_by_label(label, exact=False).first.press("Space")
         await use(window, "Next")
         await title(window, "What do you point with?")

@@ -147,10 +147,10 @@ async def test_placed_lamp_is_not_switched_until_the_person_points_elsewhere(
             await asyncio.sleep(0.5)
             site.point("door")
             await asyncio.sleep(1.0)
-        assert (
-            site.told == "refused: you still point where you pressed: point elsewhere first, and then at it"
-        )
+        sentence = "you still point where you pressed: point elsewhere first, and then at it"
+        assert site.told == f"refused: {sentence}"
         assert home.states[DOOR]["state"] == "off"
+        assert (await shown.act()).problem == sentence, "the card says it, until they do so"
         site.point("door", user="ben")
         await asyncio.sleep(1.0)
         assert home.states[DOOR]["state"] == "on", "others did not press"
@@ -160,6 +160,7 @@ async def test_placed_lamp_is_not_switched_until_the_person_points_elsewhere(
             site.point("desk", on=False)
             await asyncio.sleep(1.0)
         assert home.states[DESK]["state"] == "off"
+        assert (await shown.act()).problem == ""
 
 
 async def test_lit_lamp_that_somebody_sets_is_left_as_it_is(

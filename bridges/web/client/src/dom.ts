@@ -8,7 +8,7 @@ type Attributes = Record<string, string | number | boolean | ((event: Event) => 
 
 /**
  * Make an element: `on…` attributes are listeners, `true` sets a bare attribute, `false` leaves it out,
- * `className` and `text` are what they say.
+ * `className` and `text` are what they say. Clicks of what `enable` has switched off are dropped.
  */
 export function el<K extends keyof HTMLElementTagNameMap>(
   tag: K,
@@ -17,7 +17,11 @@ export function el<K extends keyof HTMLElementTagNameMap>(
 ): HTMLElementTagNameMap[K] {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
-    if (typeof value === "function") element.addEventListener(name.slice(2), value);
+    if (name === "onclick" && typeof value === "function")
+      element.addEventListener("click", (event) => {
+        if (isEnabled(element)) value(event);
+      });
+    else if (typeof value === "function") element.addEventListener(name.slice(2), value);
     else if (name === "text") element.textContent = String(value);
     else if (name === "className") element.className = String(value);
     else if (value === true) element.setAttribute(name, "");
@@ -56,11 +60,41 @@ export function mark(element: Element, name: string, value: string | number | nu
   else element.setAttribute(name, text);
 }
 
-/** Replace the children when `signature` has changed since the last time. */
+/**
+ * Let a control act or not. It keeps the focus: browsers take it from one with the attribute `disabled`, and
+ * who uses the keyboard then has to begin at the top of the page.
+ */
+export function enable(element: HTMLElement, isOn: boolean): void {
+  mark(element, "aria-disabled", isOn ? null : "true");
+}
+
+/** Whether a control acts, see `enable`. */
+export function isEnabled(element: Element): boolean {
+  return element.getAttribute("aria-disabled") !== "true";
+}
+
+const CONTROLS = "a, button, input, select, summary, textarea, [tabindex]";
+
+/**
+ * Replace the children when `signature` has changed since the last time. A focus within goes on to the control
+ * of the same name, else to the first one.
+ */
 export function renew(element: HTMLElement, signature: string, make: () => Child[]): void {
   if (element.dataset.signature === signature) return;
   element.dataset.signature = signature;
+  const focused = document.activeElement;
+  const hadFocus = focused !== null && focused !== element && element.contains(focused);
   element.replaceChildren(...make().filter((child): child is Node | string => child !== null));
+  if (!hadFocus) return;
+  const controls = [...element.querySelectorAll<HTMLElement>(CONTROLS)];
+  const name = controlName(focused);
+  const counterpart = controls.find((control) => controlName(control) === name);
+  (counterpart ?? controls[0])?.focus();
+}
+
+/** Name by which a control is found again after its list was made anew. */
+function controlName(control: Element): string {
+  return control.getAttribute("name") ?? control.getAttribute("aria-label") ?? control.textContent ?? "";
 }
 
 /** A key as printed on its button; screen readers use `aria-keyshortcuts`. */

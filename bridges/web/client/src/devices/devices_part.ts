@@ -1,7 +1,7 @@
 /** Devices: those connected, and those within reach of the page's machine, to connect. */
 
 import type { Controls } from "../controls";
-import { el, icon, renew, section, show, write } from "../dom";
+import { el, enable, icon, isEnabled, renew, section, show, write } from "../dom";
 import { capital } from "../format";
 import type { PanelPart } from "../panel/panel_part";
 import type { DeviceLine } from "../wire";
@@ -24,6 +24,8 @@ const PATIENCE_MS = 15_000;
 /** A connection may first end a process, or write the map. */
 const CONNECT_MS = 20_000;
 const NEW_STRIP = "";
+/** Id of the button that searches. */
+export const LOOK_ID = "look-for-devices";
 
 export function devicesPart(controls: Controls): PanelPart {
   const { site } = controls;
@@ -31,7 +33,7 @@ export function devicesPart(controls: Controls): PanelPart {
   const connected = el("ul", { className: "devices" });
   const look = el(
     "button",
-    { type: "button", onclick: () => void search() },
+    { type: "button", id: LOOK_ID, onclick: () => void search() },
     icon("watch"),
     el("span", { text: "Look for devices" }),
   );
@@ -55,7 +57,7 @@ export function devicesPart(controls: Controls): PanelPart {
   const lines = (): readonly DeviceLine[] => site.status?.devices ?? [];
 
   async function search(): Promise<void> {
-    look.disabled = true;
+    enable(look, false);
     write(state, "Looking …");
     const began = performance.now();
     const timer = setInterval(() => {
@@ -65,7 +67,7 @@ export function devicesPart(controls: Controls): PanelPart {
     const reply = await controls.ask({ deed: "find_devices" }, PATIENCE_MS);
     clearInterval(timer);
     show(progress, false);
-    look.disabled = false;
+    enable(look, true);
     found = foundDevices(reply ?? {});
     homes = foundHomes(reply ?? {});
     canConnect = reply?.["can_connect"] === true;
@@ -92,13 +94,13 @@ export function devicesPart(controls: Controls): PanelPart {
     name: string,
     button: HTMLButtonElement,
   ): Promise<void> {
-    button.disabled = true;
+    enable(button, false);
     const { kind, plugin, address } = device;
     const reply = await controls.askAloud(
       { deed: "connect_device", query: { kind, plugin, address, name } },
       CONNECT_MS,
     );
-    button.disabled = false;
+    enable(button, true);
     if (reply && kind === "wrist") awaited = String(reply["id"]);
   }
 
@@ -130,7 +132,7 @@ export function devicesPart(controls: Controls): PanelPart {
       {
         onsubmit: (event) => {
           event.preventDefault();
-          void connect(device, field.value || newStrip(device), button);
+          if (isEnabled(button)) void connect(device, field.value || newStrip(device), button);
         },
       },
       el(
@@ -184,7 +186,7 @@ export function devicesPart(controls: Controls): PanelPart {
               {
                 type: "button",
                 "aria-label": `Fit: how ${line.name} wears it`,
-                disabled: !line.is_on,
+                "aria-disabled": line.is_on ? false : "true",
                 onclick: () => wearing.open(line),
               },
               el("span", { text: "Fit" }),
@@ -194,7 +196,7 @@ export function devicesPart(controls: Controls): PanelPart {
               {
                 type: "button",
                 "aria-label": `Test pattern on strip ${line.name}`,
-                disabled: !line.is_on,
+                "aria-disabled": line.is_on ? false : "true",
                 onclick: () => void controls.askAloud({ deed: "show_device", query: { id: line.id } }),
               },
               el("span", { text: "Test" }),

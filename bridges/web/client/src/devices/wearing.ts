@@ -1,7 +1,7 @@
 /** The dialog for who has just put on a wrist: wear it, rest in two poses, point at the room. */
 
 import type { Controls } from "../controls";
-import { el, sheet, show, write } from "../dom";
+import { el, enable, sheet, show, write } from "../dom";
 import { capital } from "../format";
 import { Refusal, type Reply, type Wish } from "../site/asks";
 import type { DeviceLine } from "../wire";
@@ -106,10 +106,12 @@ export function wearingDialog(controls: Controls): Wearing {
   }
 
   async function measure(line: DeviceLine): Promise<void> {
-    isMeasuring = next.disabled = skip.disabled = true;
+    isMeasuring = true;
+    for (const button of [next, skip]) enable(button, false);
     write(said, "Waiting for the wrist …");
     const reply = await ask({ deed: "check_mounting", query: { id: line.id } }, CHECK_MS);
-    isMeasuring = next.disabled = skip.disabled = false;
+    isMeasuring = false;
+    for (const button of [next, skip]) enable(button, true);
     if (!reply) return;
     enter(2);
     write(said, fitSentence(reply));

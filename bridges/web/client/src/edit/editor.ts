@@ -1,7 +1,7 @@
 /** The plan editor: a dialog over the page with the map from above, fields, findings, undo and save. */
 
 import type { Controls } from "../controls";
-import { el, icon, mark, renew, show, write } from "../dom";
+import { el, enable, icon, mark, renew, show, write } from "../dom";
 import { Refusal, type Reply } from "../site/asks";
 import { isDark } from "../theme";
 import { Canvas, titleOf } from "./canvas";
@@ -322,9 +322,9 @@ class Editor {
     this.canvas.draw(items, chosen, found);
     this.fields.update(chosen, items, chosen ? found.of(chosen) : new Map());
     write(this.path, `${this.file.path.replace(/^.*[\\/]/, "")}${edits ? " · changed" : ""}`);
-    this.undo.disabled = !this.history.canUndo;
-    this.redo.disabled = !this.history.canRedo;
-    this.save.disabled = !edits || this.file.shipped;
+    enable(this.undo, this.history.canUndo);
+    enable(this.redo, this.history.canRedo);
+    enable(this.save, edits > 0 && !this.file.shipped);
     show(this.tools, chosen !== null);
     const unplaced = unplacedOf(items).length;
     show(this.spread, unplaced > 0);

@@ -2,7 +2,7 @@
 
 import "./edit.css";
 import type { Controls } from "../controls";
-import { el, icon, section, show } from "../dom";
+import { el, enable, icon, section, show } from "../dom";
 import type { PanelPart } from "../panel/panel_part";
 
 export function mapPart(controls: Controls): PanelPart {
@@ -15,11 +15,11 @@ export function mapPart(controls: Controls): PanelPart {
   const element = section("Map", button);
 
   async function open(): Promise<void> {
-    button.disabled = true;
+    enable(button, false);
     try {
       await (await import("./editor")).openEditor(controls);
     } finally {
-      button.disabled = false;
+      enable(button, true);
     }
   }
 

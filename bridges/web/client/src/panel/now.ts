@@ -2,7 +2,7 @@
 
 import { choice } from "../choice";
 import type { Controls } from "../controls";
-import { el, icon, key, mark, show, write } from "../dom";
+import { el, enable, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
@@ -175,7 +175,7 @@ export function nowPart(controls: Controls): PanelPart {
         [undo, controls.canUndo, "undo"],
         [clear, controls.canClear, "clear"],
       ] as const) {
-        if (button.disabled === can) button.disabled = !can;
+        enable(button, can);
         button.title = can ? "" : `There is nothing to ${what}`;
       }
       write(remembered, rememberedSentence(controls.person?.pose ?? null));

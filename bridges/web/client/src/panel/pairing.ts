@@ -2,7 +2,7 @@
 
 import type { Reply } from "../site/asks";
 import type { Controls } from "../controls";
-import { el, icon, sheet, show, write } from "../dom";
+import { el, enable, icon, isEnabled, sheet, show, write } from "../dom";
 import { capital } from "../format";
 
 export interface Pairing {
@@ -89,9 +89,9 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
   let offeredTo = "";
 
   async function lan(): Promise<void> {
-    openLan.disabled = true;
+    enable(openLan, false);
     const reply = await controls.ask({ deed: "open_lan" }, 15_000);
-    openLan.disabled = false;
+    enable(openLan, true);
     if (reply) await pair();
   }
 
@@ -148,7 +148,7 @@ export function pairingDialog(controls: Controls, deed: "pair" | "map_room" = "p
     },
     update() {
       // what `open` read may have been from before the first status, and another page may open it
-      if (dialog.open && !closed.hidden && !openLan.disabled && controls.site.status?.lan_url) void pair();
+      if (dialog.open && !closed.hidden && isEnabled(openLan) && controls.site.status?.lan_url) void pair();
       if (!dialog.open || !offeredTo) return;
       const line = controls.site.people.get(offeredTo)?.line;
       if (line?.phone && line.moved_by === "phone") {

@@ -1,7 +1,7 @@
 /** One tile for each thing of the map: its name and state, what pointing at it does, who fired it last, and a button that tries it. */
 
 import type { Controls } from "../controls";
-import { el, icon, mark, renew, section, show, write } from "../dom";
+import { el, enable, icon, mark, renew, section, show, write } from "../dom";
 import { problemsOfThings, thingTiles, type ThingTile } from "../site/things";
 import { OUTCOMES } from "../words";
 import type { PanelPart } from "./panel_part";
@@ -52,7 +52,7 @@ export function thingsPart(controls: Controls): PanelPart {
       mark(gauge, "data-shown", now.progress === null ? null : "");
       gauge.value = now.progress ?? 0;
       show(button, mode !== "claim" && controls.may("selector/{user}/set_thing"));
-      if (button.disabled === now.canBeTried) button.disabled = !now.canBeTried;
+      enable(button, now.canBeTried);
     });
     return item;
   }

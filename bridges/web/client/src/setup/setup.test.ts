@@ -72,17 +72,23 @@ test("text of the turn names the lamp, its end and the reason of a repetition", 
     placingText(setup({ lamps: [lamp("a", { reason: "was it another lamp?" })] })),
     /Once more: was it another lamp\?$/,
   );
-  assert.match(placingText(setup({ is_aligning: true, place: "B" })), /^Stand at place B\. Point at A/);
+  assert.match(
+    placingText(setup({ is_aligning: true, place: "B" })),
+    /^Stand at your second place\. Point at A/,
+  );
 });
 
 test("progress counts the lamps of this place", () => {
   const lamps = [lamp("a", { places: 2 }), lamp("b", { places: 1 })];
-  assert.equal(progressText(setup({ lamps })), "2 of 2 from place A");
-  assert.equal(progressText(setup({ lamps, place: "B" })), "1 of 2 from place B");
+  assert.equal(progressText(setup({ lamps })), "2 of 2 from your first place");
+  assert.equal(progressText(setup({ lamps, place: "B" })), "1 of 2 from your second place");
 });
 
 test("lamp says how well it is known, or why it is not placed", () => {
-  assert.equal(lampText(lamp("a", { is_placed: true, direction_sigma_rad: 0.035 })), "A: known to 2°");
+  assert.equal(
+    lampText(lamp("a", { is_placed: true, direction_sigma_rad: 0.035 })),
+    "A: direction known to 2°",
+  );
   assert.equal(lampText(lamp("a", { reason: "you left it out" })), "A: not placed, you left it out");
 });
 

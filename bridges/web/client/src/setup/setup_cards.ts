@@ -1,8 +1,9 @@
 /** The cards that set up a home: one question each, over the scene; what is answered is kept by the server at once. */
 
 import type { Controls } from "../controls";
+import { LOOK_ID } from "../devices/devices_part";
 import { foundDevices, freeStrips, type FoundDevice } from "../devices/found";
-import { el, mark, renew, show, write } from "../dom";
+import { el, enable, mark, renew, show, write } from "../dom";
 import { byName, capital } from "../format";
 import type { HomeLamp, HomeSetup, SetUpHome } from "../messages";
 import type { Pairing } from "../panel/pairing";
@@ -13,13 +14,22 @@ import {
   type Card,
   cardOf,
   countOf,
+  handText,
   lampText,
+  LEAD,
+  lightsText,
+  placeName,
   placingText,
+  pressText,
   profileOf,
   progressText,
+  searchText,
+  sentence,
+  stateText,
   STAY,
   stepBefore,
   titleOf,
+  tryText,
   USUAL_URL,
   WALK,
 } from "./setup_words";
@@ -29,14 +39,17 @@ const READ_MS = 500;
 const IDLE_MS = 5_000;
 const ACT_MS = 15_000;
 const SEARCH_MS = 15_000;
+/** Time after which a text that was taken away counts as a new one, ms. */
+const ANNOUNCE_MS = 100;
 /** A lamp shows which one it is after the pointer has rested on its row, ms. */
 const REST_MS = 300;
 /** Tab *Set up* of the panel, with the devices. */
 const SET_UP = 1;
+const AGAIN = "Home in Set up opens each card again.";
 const HANDS: readonly (readonly [HomeSetup["hand"], string])[] = [
   ["phone", "A phone"],
   ["wrist", "A wristband or tracker"],
-  ["mouse", "The mouse, only to try it out: lamps get places side by side"],
+  ["mouse", "The mouse, only to try it out"],
 ];
 
 /** What a person does, and the token of Home Assistant with it. */
@@ -53,9 +66,16 @@ export class SetupCards {
   private refusal = "";
   private restTimer = 0;
   private homes: { label: string; url: string }[] = [];
+  private isSearching = false;
   private lights: FoundDevice[] = [];
-  private readonly count = el("p", { className: "muted" });
-  private readonly title = el("h2", { tabindex: -1, id: "setup-title" });
+  /** Control that opened the card: the focus returns to it. */
+  private opener: HTMLElement | null = null;
+  private readonly count = el("p", { className: "muted", id: "setup-count" });
+  private readonly title = el("h2", {
+    tabindex: -1,
+    id: "setup-title",
+    "aria-describedby": `setup-count ${LEAD}`,
+  });
   private readonly body = el("div", { className: "setup-body" });
   private readonly problem = el("p", { className: "reason", role: "alert" });
   private readonly buttons = el("div", { className: "setup-buttons" });
@@ -86,19 +106,32 @@ export class SetupCards {
     void this.poll();
   }
 
-  /** Return to a card. */
+  /** Return to a card, from the control that has the focus. */
   async go(step: HomeSetup["step"]): Promise<void> {
+    this.opener = document.activeElement instanceof HTMLElement ? document.activeElement : null;
     this.isClosed = false;
-    await this.act({ act: "go", step });
+    if (await this.act({ act: "go", step })) this.title.focus(); // also at the card that was put aside
   }
 
+  /** Show the card, or not. The focus of one that goes returns to where the card was opened, else to the panel. */
   update(isThere: boolean): void {
+    const hadFocus = this.element.contains(document.activeElement);
     show(this.element, isThere && this.card !== "" && !this.isClosed);
+    if (!hadFocus || !this.element.hidden) return;
+    const isOpenerShown = this.opener !== null && this.opener.offsetParent !== null;
+    const target = isOpenerShown ? this.opener : document.getElementById("panel");
+    target?.focus();
+    this.opener = null;
   }
 
   private close(): void {
     this.isClosed = true;
     this.update(true);
+    this.controls.toasts.show("info", `The set-up waits. ${AGAIN}`);
+  }
+
+  private async finish(): Promise<void> {
+    if (await this.act({ act: "finish" })) this.controls.toasts.show("done", `Your home is set up. ${AGAIN}`);
   }
 
   private async poll(): Promise<void> {
@@ -112,6 +145,7 @@ export class SetupCards {
   private async act(act: Act): Promise<boolean> {
     this.isActing = true;
     this.refusal = "";
+    write(this.problem, "");
     const isDone = await this.ask(act, true);
     this.isActing = false;
     return isDone;
@@ -129,6 +163,7 @@ export class SetupCards {
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
       if (isLoud || !this.setup) this.refuse(error.message);
+      if (isLoud && this.element.hidden) this.controls.toasts.show("error", sentence(error.message));
       return false;
     }
   }
@@ -137,12 +172,15 @@ export class SetupCards {
     this.setup = setup;
     this.added = setup.lamps.filter((lamp) => lamp.is_new).map((lamp) => lamp.label || lamp.id);
     const card = cardOf(setup);
-    write(this.problem, capital(this.refusal || setup.problem));
+    this.showProblem();
     if (card !== this.card) {
       this.card = card;
       if (card) this.open(card, setup);
     }
+    const hadFocus = this.element.contains(document.activeElement);
     this.renewCard(setup);
+    const hasFocus = this.element.contains(document.activeElement);
+    if (hadFocus && !hasFocus) this.title.focus(); // its control has gone
     this.controls.changed();
     this.update(true);
   }
@@ -150,11 +188,17 @@ export class SetupCards {
   /** Say why an act was not done, until the next one. */
   private refuse(reason: string): void {
     this.refusal = reason;
-    write(this.problem, capital(reason));
+    // Empty meanwhile: the same reason once more is then read out once more
+    write(this.problem, "");
+    setTimeout(() => this.showProblem(), ANNOUNCE_MS);
+  }
+
+  private showProblem(): void {
+    write(this.problem, sentence(this.refusal || (this.setup?.problem ?? "")));
   }
 
   private open(card: Exclude<Card, "">, setup: HomeSetup): void {
-    this.isClosed = false;
+    this.element.dataset.card = card;
     write(this.title, titleOf(card));
     write(this.count, countOf(setup));
     this.renewCard = () => {};
@@ -166,7 +210,9 @@ export class SetupCards {
         : [];
     this.buttons.replaceChildren(...back);
     this[card](setup);
-    show(this.element, true);
+    // A card that was put aside waits until it is opened again. Without the zero of the device nobody can point
+    if (card === "align") this.isClosed = false;
+    this.update(true);
     this.title.focus();
   }
 
@@ -192,7 +238,8 @@ export class SetupCards {
       rel: "noreferrer",
       text: "Make a token in your profile there, under Security",
     });
-    const found = el("fieldset", {});
+    const lead = el("p", { className: "muted", role: "status", id: LEAD });
+    const found = el("fieldset", { className: "pairs", "aria-labelledby": LEAD });
     const state = el("p", { role: "status" });
     const tell = (): void => {
       mark(profile, "href", profileOf(url.value) || null);
@@ -225,12 +272,16 @@ export class SetupCards {
         ". It stays on this computer, in a file that only you can read.",
       ),
     );
-    this.body.append(found, form, state);
+    this.body.append(lead, found, form, state);
+    const again = this.button("Look again", () => this.search(), "quiet");
     this.button("There is no Home Assistant", () => this.act({ act: "without" }), "quiet");
     this.buttons.append(
       el("button", { type: "submit", className: "primary", text: "Connect", form: "setup-form" }),
     );
     this.renewCard = ({ url: used, is_connected, problem }) => {
+      write(lead, searchText(this.isSearching, this.homes.length));
+      show(found, this.homes.length > 0);
+      enable(again, !this.isSearching);
       write(state, used && !is_connected && !problem ? `Connecting to ${used} …` : "");
       renew(found, JSON.stringify(this.homes), () =>
         this.homes.map((home) =>
@@ -252,6 +303,8 @@ export class SetupCards {
   /** Look for Home Assistants and lights in the network. */
   private async search(): Promise<void> {
     if (!this.controls.mayDo("find_devices")) return;
+    this.isSearching = true;
+    if (this.setup) this.renewCard(this.setup);
     try {
       const reply = await this.controls.connection.ask({ deed: "find_devices" }, SEARCH_MS);
       const homes = Array.isArray(reply["homes"]) ? (reply["homes"] as Record<string, unknown>[]) : [];
@@ -261,37 +314,56 @@ export class SetupCards {
       this.lights = foundDevices(reply).filter(({ kind }) => kind === "light");
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
+    } finally {
+      this.isSearching = false;
     }
     if (this.setup) this.renewCard(this.setup);
   }
 
   choose(): void {
     const list = el("div", { className: "setup-body" });
-    const nearby = el("fieldset", {});
+    const nearby = el("div", { className: "pairs" });
+    const emptyState = el("p", { role: "status" });
+    const lookState = el("p", { className: "muted", role: "status" });
+    let hasLooked = false;
     const states = new Map<string, HTMLElement>();
+    /** Ticks of this page: the list is made anew when Home Assistant gains a lamp. */
+    const ticks = new Map<string, boolean>();
     const row = (lamp: HomeLamp): HTMLElement => {
-      const state = el("span", { className: "muted" });
+      const number = states.size;
+      const name = el("span", {
+        id: `setup-lamp-${number}`,
+        text: `${lamp.label || lamp.id}${lamp.is_new ? " (new)" : ""}`,
+      });
+      const state = el("span", { className: "muted", id: `setup-state-${number}` });
       states.set(lamp.id, state);
       const box = el("input", {
         type: "checkbox",
         name: lamp.id,
-        checked: lamp.is_chosen,
+        checked: ticks.get(lamp.id) ?? lamp.is_chosen,
+        "aria-labelledby": name.id,
+        "aria-describedby": state.id,
         onfocus: () => this.showLamp(lamp.id),
+        onchange: ({ target }) => ticks.set(lamp.id, (target as HTMLInputElement).checked),
       });
-      return el(
-        "label",
-        { onpointerenter: () => this.showLamp(lamp.id) },
-        box,
-        el("span", { text: `${lamp.label || lamp.id}${lamp.is_new ? " (new)" : ""}` }),
-        state,
-      );
+      return el("label", { onpointerenter: () => this.showLamp(lamp.id) }, box, name, state);
     };
     this.body.append(
-      el("p", { className: "muted", text: "Rest on a row, and its lamp shows which one it is." }),
+      el("p", {
+        className: "muted",
+        id: LEAD,
+        text: "Rest on a row, and its lamp shows which one it is.",
+      }),
       list,
+      emptyState,
+      lookState,
       nearby,
     );
-    this.button("Look for lights in the network", () => this.search(), "quiet");
+    const look = (): Promise<void> => {
+      hasLooked = true;
+      return this.search();
+    };
+    const again = this.button("Look for lights in the network", look, "quiet");
     this.button(
       "Next",
       () =>
@@ -302,20 +374,19 @@ export class SetupCards {
       "primary",
     );
     this.renewCard = ({ lamps, is_connected, url }) => {
-      renew(list, JSON.stringify(lamps.map(({ id, label, area }) => [id, label, area])), () =>
-        lamps.length
-          ? byArea(lamps).map(([area, own]) =>
-              el("fieldset", {}, el("legend", { text: area || "Elsewhere" }), ...own.map(row)),
-            )
-          : [
-              el("p", {
-                role: "status",
-                text: url && !is_connected ? "Waiting for Home Assistant …" : "No lamps are found yet.",
-              }),
-            ],
-      );
-      for (const lamp of lamps) write(states.get(lamp.id)!, lamp.state);
+      renew(list, JSON.stringify(lamps.map(({ id, label, area }) => [id, label, area])), () => {
+        states.clear();
+        return byArea(lamps).map(([area, own]) =>
+          el("fieldset", {}, el("legend", { text: area || "Elsewhere" }), ...own.map(row)),
+        );
+      });
+      const isWaiting = url !== "" && !is_connected;
+      const nothing = isWaiting ? "Waiting for Home Assistant …" : "No lamps are found yet.";
+      write(emptyState, lamps.length ? "" : nothing);
+      for (const lamp of lamps) write(states.get(lamp.id)!, stateText(lamp.state));
       const free = this.lights.filter(({ label }) => !lamps.some((lamp) => lamp.label === stripName(label)));
+      enable(again, !this.isSearching);
+      write(lookState, hasLooked ? lightsText(this.isSearching, free.length) : "");
       renew(nearby, JSON.stringify(free), () =>
         free.map((light) =>
           el("button", {
@@ -348,7 +419,8 @@ export class SetupCards {
   hand(setup: HomeSetup): void {
     const { controls } = this;
     const person = el("select", {});
-    const state = el("p", { role: "status" });
+    const who = el("label", { className: "field" }, el("span", { text: "Person" }), person);
+    const state = el("p", { role: "status", id: LEAD });
     const radios = HANDS.map(([hand, name]) =>
       el(
         "label",
@@ -364,31 +436,36 @@ export class SetupCards {
       controls.choose(person.value);
       this.pairing.open();
     });
-    const look = this.button("Look for wristbands", () => this.panel.open(SET_UP));
-    this.body.append(
-      el("fieldset", {}, el("legend", { text: "Point with" }), ...radios),
-      el("label", { className: "field" }, el("span", { text: "Person" }), person),
-      state,
-    );
-    this.button("Next", () => this.act({ act: "hand", hand: chosen(), user: person.value }), "primary");
+    const look = this.button("Look for wristbands", () => this.openDevices());
+    const choice = el("div", { role: "radiogroup", "aria-labelledby": this.title.id }, ...radios);
+    choice.addEventListener("change", () => this.renewCard(this.setup ?? setup));
+    this.body.append(choice, who, state);
+    const next = this.button("Next", () => this.act({ act: "hand", hand: chosen(), user: person.value }));
     this.renewCard = () => {
       const users = [...controls.site.people.keys()].sort(byName);
       renew(person, users.join(" "), () =>
         users.map((user) => el("option", { value: user, text: user, selected: user === setup.user })),
       );
+      show(who, users.length > 1);
       const hand = chosen();
-      const line = controls.site.people.get(person.value)?.line;
+      const line = controls.site.people.get(person.value)?.line ?? null;
       show(pair, hand === "phone");
       show(look, hand === "wrist");
-      write(
-        state,
-        hand !== "phone" || !person.value
-          ? ""
-          : line?.moved_by === "phone"
-            ? "The phone points."
-            : `${capital(line?.phone || "no phone is paired yet")}.`,
-      );
+      // The phone is paired first, and then it goes on
+      const isWaiting = hand === "phone" && line?.moved_by !== "phone";
+      pair.classList.toggle("primary", isWaiting);
+      next.classList.toggle("primary", !isWaiting);
+      write(state, handText(hand, line));
     };
+  }
+
+  /** Show the devices of the panel. A card that lies over them waits meanwhile. */
+  private openDevices(): void {
+    this.panel.open(SET_UP);
+    const panel = document.getElementById("panel")!;
+    const isOver = this.element.getBoundingClientRect().right > panel.getBoundingClientRect().left;
+    if (isOver) this.close();
+    document.getElementById(LOOK_ID)?.focus();
   }
 
   place(): void {
@@ -411,15 +488,12 @@ export class SetupCards {
   }
 
   private turn(acts: readonly (readonly [string, SetUpHome["act"]])[]): void {
-    const text = el("p", { className: "setup-turn", role: "status" });
+    const text = el("p", { className: "setup-turn", role: "status", id: LEAD });
     const progress = el("p", { className: "muted" });
     this.body.append(
       text,
       progress,
-      el("p", {
-        className: "muted",
-        text: "Press by the button of your wrist, a tap on the phone, or Space here.",
-      }),
+      el("p", { className: "muted", text: pressText(this.setup?.hand ?? "") }),
     );
     const buttons = acts.map(([name, act], index) =>
       this.button(name, () => this.act({ act }), index === acts.length - 1 ? "primary" : "quiet"),
@@ -433,14 +507,14 @@ export class SetupCards {
           : progressText(setup),
       );
       acts.forEach(([, act], index) => {
-        if (act === "take_back") buttons[index]!.disabled = !setup.can_take_back;
+        if (act === "take_back") enable(buttons[index]!, setup.can_take_back);
       });
     };
   }
 
   walk(): void {
     this.body.append(
-      el("p", { className: "setup-turn", role: "status", text: WALK }),
+      el("p", { className: "setup-turn", id: LEAD, text: WALK }),
       el("p", { className: "muted", text: STAY }),
     );
     this.button("Take back", () => this.act({ act: "take_back" }), "quiet");
@@ -451,18 +525,13 @@ export class SetupCards {
   try(): void {
     const list = el("ul", {});
     const advice = el("ul", { className: "muted" });
-    const text = el("p", { className: "setup-turn" });
+    const text = el("p", { className: "setup-turn", id: LEAD });
     const stands = el("div", { className: "pairs" });
     this.body.append(text, list, advice, stands);
     this.button("Find my direction again", () => this.act({ act: "align" }), "quiet");
-    this.button("Done", () => this.act({ act: "finish" }), "primary");
+    this.button("Done", () => this.finish(), "primary");
     this.renewCard = (setup) => {
-      write(
-        text,
-        setup.hand === "mouse"
-          ? "Take the arm with the mouse (M), and stay on a lamp: it switches."
-          : "Point at each lamp: it brightens if it is on. Stay on it, or press, and it switches.",
-      );
+      write(text, tryText(setup.hand));
       renew(list, JSON.stringify(setup.lamps), () =>
         setup.lamps.map((lamp) => el("li", { text: lampText(lamp) })),
       );
@@ -475,7 +544,7 @@ export class SetupCards {
           : (["A", "B"] as const).map((place) =>
               el("button", {
                 type: "button",
-                text: `I stand at ${place}`,
+                text: `I stand at the ${placeName(place)}`,
                 onclick: () => void this.act({ act: "stand", place }),
               }),
             ),

@@ -1,6 +1,8 @@
 /** What the cards of a home say, from the state of its set-up. Pure. */
 
+import { capital } from "../format";
 import type { HomeLamp, HomeSetup } from "../messages";
+import type { PersonLine } from "../wire";
 
 /** A card that is shown; `align`: the zero of the device is found again. */
 export type Card = "connect" | "choose" | "hand" | "align" | "place" | "walk" | "try" | "";
@@ -27,6 +29,9 @@ export function cardOf(setup: HomeSetup): Card {
   if (setup.step === "place") return setup.may_walk ? "walk" : "place";
   return setup.step;
 }
+
+/** The card's own sentence, which says what there is to do. Its title is described by it. */
+export const LEAD = "setup-lead";
 
 export function titleOf(card: Exclude<Card, "">): string {
   return TITLES[card];
@@ -63,7 +68,7 @@ export function placingText(setup: HomeSetup): string {
   const name = nameOf(setup, setup.target);
   const end = setup.end ? `the ${setup.end === "first" ? "beginning" : "end"} of ${name}` : name;
   const lit = setup.is_lit ? ", which is lit" : "";
-  if (setup.is_aligning) return `Stand at place ${setup.place}. Point at ${end}${lit}, and press.`;
+  if (setup.is_aligning) return `Stand at your ${placeName(setup.place)}. Point at ${end}${lit}, and press.`;
   const stand = setup.place === "A" ? "Stand where you will point from most." : "Stay at your second place.";
   const lamp = setup.lamps.find(({ id }) => id === setup.target);
   const again = lamp?.reason ? ` Once more: ${lamp.reason}` : "";
@@ -73,7 +78,59 @@ export function placingText(setup: HomeSetup): string {
 export function progressText(setup: HomeSetup): string {
   const needed = setup.place === "B" ? 2 : 1;
   const count = setup.lamps.filter(({ places }) => places >= needed).length;
-  return `${count} of ${setup.lamps.length} from place ${setup.place}`;
+  return `${count} of ${setup.lamps.length} from your ${placeName(setup.place)}`;
+}
+
+/** The places as people know them: they are asked to walk from the first to the second. */
+export function placeName(place: HomeSetup["place"]): string {
+  return place === "B" ? "second place" : "first place";
+}
+
+/** How one presses at the cards that place lamps. */
+export function pressText(hand: HomeSetup["hand"]): string {
+  if (hand === "phone") return "To press, tap on the phone, or use Space or the button here.";
+  return "To press, use the button at your wrist, or Space or the button here.";
+}
+
+/** What there is to do at the last card. */
+export function tryText(hand: HomeSetup["hand"]): string {
+  if (hand === "mouse") return "Take the arm with the mouse, and stay on a lamp: it switches.";
+  return "Point elsewhere, then at a lamp: it brightens if it is on. Stay on it, or press, and it switches.";
+}
+
+/** State of a lamp as people say it, or "": scenes and buttons have the time of their last use instead. */
+export function stateText(state: string): string {
+  return /^\d/.test(state) ? "" : state;
+}
+
+/** A sentence with a capital and a full stop, or "". */
+export function sentence(text: string): string {
+  if (!text) return "";
+  return /[.!?…]$/.test(text) ? capital(text) : `${capital(text)}.`;
+}
+
+/** What the search for Home Assistants has given. */
+export function searchText(isSearching: boolean, count: number): string {
+  if (isSearching) return "Looking for Home Assistants in your network …";
+  if (count === 0) return "No Home Assistant was found in your network. Type its address.";
+  return "Found in your network. Choose one, or type another address.";
+}
+
+/** What the search for lights has given. */
+export function lightsText(isSearching: boolean, count: number): string {
+  if (isSearching) return "Looking for lights in your network …";
+  return count === 0 ? "No other light was found in your network." : "Found in your network:";
+}
+
+/** Whether the phone or the wristband that is to be used is there. */
+export function handText(
+  hand: HomeSetup["hand"],
+  line: Pick<PersonLine, "moved_by" | "phone"> | null,
+): string {
+  if (hand === "mouse") return "Nothing is measured: lamps get places side by side.";
+  if (hand === "wrist") return "Connect it under Devices of Set up, then return here.";
+  if (line?.moved_by === "phone") return "The phone points.";
+  return sentence(line?.phone || "no phone is paired yet");
 }
 
 export const WALK =
@@ -87,7 +144,7 @@ export function lampText({ label, id, direction_sigma_rad, reason, is_placed }: 
   if (reason) return `${name}: not placed, ${reason}`;
   if (!is_placed) return `${name}: not placed`;
   const degrees = Math.round((Number(direction_sigma_rad ?? 0) * 180) / Math.PI);
-  return degrees ? `${name}: known to ${degrees}°` : name;
+  return degrees ? `${name}: direction known to ${degrees}°` : name;
 }
 
 /** Lamps by area, those without one last. */

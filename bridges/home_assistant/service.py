@@ -46,7 +46,7 @@ MAX_HOVER_AGE_S = 1.0
 """Time without a message after which nobody hovers, s. There are 5 a second at least."""
 MIN_PERIOD_S = 0.2
 """Time between two answers to changes in Home Assistant, s: a lamp may flap."""
-REJECTED_TOKEN = (
+REJECTED_LOGIN = (
     "Home Assistant rejects the token: make a new long-lived access token in your profile there, under "
     "Security, and paste it here"
 )
@@ -158,7 +158,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 except LoginError as error:
                     self._report_loss(str(error))
                     if self._setup is not None:
-                        self._problem = REJECTED_TOKEN
+                        self._problem = REJECTED_LOGIN
                     await self._wait_for_new_token()
                 except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
                     self._report_loss(str(error) or f"{self.config.url} does not answer: restart it")

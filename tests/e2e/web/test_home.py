@@ -200,6 +200,7 @@ async def test_home_is_set_up_by_cards_and_continues_after_kills(browser: Browse
         await title(window, "Where are your lamps?")
         await connect(window, port, "a.wrong.token")
         await expect(window.page.locator(".setup .reason")).to_contain_text("rejects the token")
+        await expect(window.page.locator(".setup .reason")).to_contain_text("and paste it here")
         assert await violations(window.page) == []
         await run.kill(window)
         await connect(window, port)

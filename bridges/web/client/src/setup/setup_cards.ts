@@ -528,7 +528,8 @@ export class SetupCards {
     const text = el("p", { className: "setup-turn", id: LEAD });
     const stands = el("div", { className: "pairs" });
     this.body.append(text, list, advice, stands);
-    this.button("Find my direction again", () => this.act({ act: "align" }), "quiet");
+    if (this.setup?.hand !== "mouse")
+      this.button("Find my direction again", () => this.act({ act: "align" }), "quiet");
     this.button("Done", () => this.finish(), "primary");
     this.renewCard = (setup) => {
       write(text, tryText(setup.hand));

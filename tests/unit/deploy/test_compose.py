@@ -87,7 +87,7 @@ def test_every_container_is_confined(name: str, row: dict[str, Any]) -> None:
     assert row["pids_limit"]
     assert row["logging"]["options"]["max-size"]
     assert row["tmpfs"][0].startswith("/tmp:")  # noqa: S108 - the container's own
-    assert row["restart"] == ("no" if name == "init" else "unless-stopped")
+    assert row["restart"] == ("no" if name == "init" else "always")  # what podman-restart.service starts
     for forbidden in ("privileged", "network_mode", "pid", "ipc", "cap_add", "devices"):
         assert forbidden not in row
     assert row.get("user", "10001:10001").startswith("10001:")

@@ -6,6 +6,10 @@ VENV="$ROOT/.venv"
 PYTHON="$VENV/bin/python"
 export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}" # as `pointit` has it: matrices are small
 unset PYTHONDONTWRITEBYTECODE # set in many containers: every start would compile all that it imports
+# uv trusts this system's certificates, as pip does: a company's proxy has its own among them, which uv does not know.
+for bundle in /etc/ssl/certs/ca-certificates.crt /etc/pki/tls/certs/ca-bundle.crt /etc/ssl/ca-bundle.pem /etc/ssl/cert.pem; do
+    if [ -s "$bundle" ]; then export UV_SYSTEM_CERTS="${UV_SYSTEM_CERTS:-true}"; fi
+done
 
 say() { printf '%s\n' "$*" >&2; }
 

@@ -133,6 +133,15 @@ def test_pip_configured_with_user_true_still_installs_into_the_venv(machine: Mac
     assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")
 
 
+@pytest.mark.parametrize(("chosen", "used"), [({}, "true"), ({"UV_SYSTEM_CERTS": "false"}, "false")])
+def test_uv_trusts_certificates_of_the_system_unless_told_otherwise(
+    machine: Machine, chosen: dict[str, str], used: str
+) -> None:
+    machine.add("uv", '#!/bin/sh\necho "$UV_SYSTEM_CERTS: uv $1" >> "$CALLS"\n')
+    assert machine.run("wheel", **chosen).returncode == 0
+    assert machine.calls == [f"{used}: uv build", f"{used}: uv build"]
+
+
 @pytest.mark.parametrize("why", ["pip has an index", "uv fails"])
 def test_pip_installs_where_a_fetched_uv_cannot(machine: Machine, why: str) -> None:
     machine.add("python3", PYTHON)

@@ -42,9 +42,11 @@ find_python() {
 
 # quietly SENTENCE COMMAND...: runs it without a word; says SENTENCE when it takes more than two seconds, with the
 # seconds on a terminal, and leaves the output of one that failed in $LOG.
+LOG=""
 quietly() {
     local sentence=$1 tenths=0 job status=0
     shift
+    [ -z "$LOG" ] || rm -f "$LOG" # of one that failed, in whose place this runs
     LOG="$(mktemp)"
     "$@" >"$LOG" 2>&1 </dev/null &
     job=$!

@@ -143,11 +143,14 @@ def test_uv_trusts_certificates_of_the_system_unless_told_otherwise(
 
 
 @pytest.mark.parametrize("why", ["pip has an index", "uv fails"])
-def test_pip_installs_where_a_fetched_uv_cannot(machine: Machine, why: str) -> None:
+def test_pip_installs_where_a_fetched_uv_cannot(machine: Machine, why: str, tmp_path: Path) -> None:
     machine.add("python3", PYTHON)
+    logs = tmp_path / "logs"
+    logs.mkdir()
     told = {"PIP_CONFIG": ":env:.index-url='https://pypi.example'"} if "index" in why else {"NO_UV": "1"}
-    assert machine.run("setup", **told).returncode == 0
+    assert machine.run("setup", TMPDIR=str(logs), **told).returncode == 0
     assert machine.calls[-1] == f"{PIP} -e {machine.root}"
+    assert list(logs.iterdir()) == []
     assert (f"{PIP} uv" in machine.calls) == (why == "uv fails")
 
 

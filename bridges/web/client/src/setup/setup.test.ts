@@ -6,10 +6,13 @@ import {
   byArea,
   cardOf,
   countOf,
+  handText,
   lampText,
   placingText,
   profileOf,
   progressText,
+  sentence,
+  stateText,
   stepBefore,
 } from "./setup_words";
 
@@ -104,4 +107,17 @@ test("profile is linked for addresses of the web only", () => {
   assert.equal(profileOf("ha.local:8123"), "http://ha.local:8123/profile/security");
   assert.equal(profileOf("javascript://alert(1)"), "");
   assert.equal(profileOf("http://"), "");
+});
+
+test("reason ends with one full stop, and a scene's time is no state", () => {
+  assert.equal(sentence("choose at least one lamp"), "Choose at least one lamp.");
+  assert.equal(sentence("Is it on?"), "Is it on?");
+  assert.equal(sentence(""), "");
+  assert.equal(stateText("2026-11-30T01:00:00+00:00"), "");
+  assert.equal(stateText("unavailable"), "unavailable");
+});
+
+test("phone that is not paired is said, and one that points", () => {
+  assert.equal(handText("phone", null), "No phone is paired yet.");
+  assert.equal(handText("phone", { moved_by: "phone", phone: "connected" }), "The phone points.");
 });

@@ -18,6 +18,8 @@ HomeAct = Literal[
 MAX_URL = 300
 TOKEN_FILE = "home-assistant.token"  # noqa: S105 - a name
 """Name of the file with the token in the folder of a home."""
+PASSWORD_FILE = "mqtt.password"  # noqa: S105 - a name
+"""Name of the file with the password of the broker there."""
 STRIP = "strip:"
 LAMP = "lamp:"
 """Begin of the ids of lights of the map, which are no entities of Home Assistant."""
@@ -29,15 +31,21 @@ class SetUpHome(Query):
     act: Annotated[
         HomeAct,
         Field(
-            description="read: nothing; connect: to the Home Assistant at `url`; without: there is none; "
-            "choose: the lamps `lamps`; show: light the lamp `lamps[0]`; hand: `user` points with `hand`; "
-            "press: the person points at the lamp whose turn it is; take_back: the last press; walk: they "
-            "are at the second place; stay: there is only one; skip: leave out the lamp of the turn; align: "
-            "find the heading by a lamp; stand: they are at `place`; finish: the trial is over; go: to the "
-            "card `step`"
+            description="read: nothing; connect: to the Home Assistant or broker at `url`; without: there is "
+            "none; choose: the lamps `lamps`; show: light the lamp `lamps[0]`; hand: `user` points with "
+            "`hand`; press: the person points at the lamp whose turn it is; take_back: the last press; "
+            "walk: they are at the second place; stay: there is only one; skip: leave out the lamp of the "
+            "turn; align: find the heading by a lamp; stand: they are at `place`; finish: the trial is "
+            "over; go: to the card `step`"
         ),
     ] = "read"
-    url: Annotated[str, Field(max_length=MAX_URL, description="of Home Assistant, as in a browser")] = ""
+    url: Annotated[
+        str,
+        Field(
+            max_length=MAX_URL,
+            description="of Home Assistant, as in a browser, or mqtt://USER@HOST of a broker",
+        ),
+    ] = ""
     lamps: Annotated[Many[Id], Field(description="ids as in `HomeLamp`")] = ()
     hand: HomeHand = ""
     user: Id = ""
@@ -100,5 +108,5 @@ class HomeSetup(Reply):
     pose_yaw_rad: Annotated[Real, Field(description="azimuth of {H} there")] = 0.0
     advice: Annotated[
         Many[Annotated[str, Field(max_length=500)]],
-        Field(description="sentences on lamps and names that are confused"),
+        Field(description="sentences on lamps that cannot be used, and on names that are confused"),
     ] = ()

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import HomeAssistantConnection
 from pointit.bridges.home_assistant.home_action import UNAVAILABLE, ServiceCall
+from pointit.bridges.home_assistant.home_connection import HomeConnection
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Announced
@@ -70,7 +70,7 @@ class HomeAnnouncer:
             )
         self._bus.warn(VOICE, warning)
 
-    async def speak(self, connection: HomeAssistantConnection) -> None:
+    async def speak(self, connection: HomeConnection) -> None:
         """Speak names until the connection is lost. Raises NoHomeAssistantError."""
         self._waiting.clear()
         while True:

@@ -7,10 +7,11 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, field_validator
 
+from pointit.bridges.home_assistant.home_connection import HomeWords
 from pointit.runtime.address_config import described_error, parse_address
-from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home, read_secret
+from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.schemas.text import LANGUAGE
 
 MAX_TOKEN_BYTES = 4096
@@ -32,8 +33,8 @@ def _entity(domain: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-class HomeAssistantConfig(Config):
-    """A Home Assistant, and the file with the token by which it accepts connections."""
+class HomeAssistantConfig(BrokerConfig):
+    """A Home Assistant with the file of its token, or an MQTT broker on which lamps announce themselves."""
 
     url: str = Field(
         default="", description="address of Home Assistant, as in a browser: http://homeassistant.local:8123"
@@ -109,13 +110,30 @@ class HomeAssistantConfig(Config):
         return path
 
     @property
-    def address(self) -> str:
+    def websocket_url(self) -> str:
         """Return the address of the websocket."""
         scheme, _, host = self.url.partition("://")
         return f"{SCHEMES[scheme]}://{host}/api/websocket"
 
+    @property
+    def words(self) -> HomeWords:
+        """Return the words for this home in sentences."""
+        return HomeWords.of_broker() if self.broker else HomeWords.of_home_assistant()
+
+    def check_home_assistant(self) -> None:
+        """Check that there are an address and a file of a Home Assistant. Raises ConfigError."""
+        self.check()
+        if self.broker:
+            raise ConfigError("broker: this needs a Home Assistant; set `url` and `token_file` instead")
+
     def check(self) -> None:
-        """Check that there are an address and a file. Raises ConfigError."""
+        """Check that there are an address and a file, or a broker alone. Raises ConfigError."""
+        if self.broker and self.url:
+            raise ConfigError(
+                "url: a Home Assistant has the lamps of its broker, too: leave `broker` or `url` out"
+            )
+        if self.broker:
+            return
         if not self.url:
             raise ConfigError(f"url: is missing; {FORM}")
         if not self.token_file:

@@ -13,12 +13,18 @@ import socket
 import ssl
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, TypeGuard, cast
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 from urllib.parse import urlsplit
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.home_action import ServiceCall
-from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.bridges.home_assistant.home_connection import (
+    ActionRefusedError,
+    NoHomeAssistantError,
+    is_list,
+    is_state,
+)
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.mqtt.broker import encrypts
@@ -78,19 +84,6 @@ _logger = logging.getLogger("pointit.home_assistant.websocket")
 _logger.setLevel(logging.INFO)  # the library logs all frames, also that with the token, at the level DEBUG
 
 
-class NoHomeAssistantError(PointItError):
-    """There is no Home Assistant at the address, or it is gone."""
-
-
-class ActionRefusedError(RefusedError):
-    """Home Assistant does not carry out a command. `code`: its kind, such as `unauthorized`."""
-
-    def __init__(self, text: str, code: str) -> None:
-        """Use the sentence and the code of Home Assistant."""
-        super().__init__(text)
-        self.code = code
-
-
 class LoginError(ConfigError):
     """Home Assistant rejects the token. Repeated, it makes it block this machine."""
 
@@ -133,6 +126,11 @@ class HomeAssistantConnection:
         self._last_id = 0
         self._replies: dict[int, asyncio.Future[Any]] = {}
         self._handlers: dict[int, Callable[[Mapping[str, Any]], None]] = {}
+
+    @property
+    def refusals(self) -> Sequence[str]:
+        """Return nothing: all that Home Assistant has can be used."""
+        return ()
 
     async def request(self, command: str, **fields: Any) -> Any:
         """Send a command and return its result. Requires a task in `read`.
@@ -272,22 +270,6 @@ def _fields(value: object) -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", value) if isinstance(value, dict) else {}
 
 
-def is_list(value: object) -> TypeGuard[list[object]]:
-    """Return True for a list."""
-    return isinstance(value, list)
-
-
-def is_state(state: object) -> TypeGuard[Mapping[str, Any]]:
-    """Return True for the state of an entity: its name, a text, and attributes if there are some."""
-    if not isinstance(state, dict):
-        return False
-    fields = cast("Mapping[str, object]", state)
-    for key in ("entity_id", "state"):
-        if not isinstance(fields.get(key), str):
-            return False
-    return isinstance(fields.get("attributes", {}), dict)
-
-
 def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
     """Return the messages in a frame: one, or several in a list. Without those that are no objects."""
     try:
@@ -344,10 +326,10 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
 
     # What is missing here is reported before anything is sent
     require_client()
-    config.check()
+    config.check_home_assistant()
     token = await asyncio.to_thread(config.read_token)
     connecting = Connect(
-        config.address,
+        config.websocket_url,
         open_timeout=CONNECT_TIMEOUT_S,
         close_timeout=1.0,
         compression=None,  # a few bytes of it can become many
@@ -421,7 +403,7 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
 
     parts = urlsplit(config.url)
     host = parts.hostname or ""
-    is_encrypted = config.address.startswith("wss")
+    is_encrypted = config.websocket_url.startswith("wss")
     problem = (
         f"no Home Assistant answers at {config.url} ({system_reason(error, MAX_REASON)})"
         ": start it, or correct `url`, its usual port is 8123"

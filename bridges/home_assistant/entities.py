@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
-from pointit.bridges.home_assistant.connection import HomeAssistantConnection, is_list
+from pointit.bridges.home_assistant.home_connection import HomeConnection, is_list
 from pointit.runtime.errors import RefusedError
 
 DOMAINS = ("light", "switch", "cover", "fan", "media_player", "scene", "script", "input_boolean")
@@ -21,7 +21,7 @@ class HomeEntity(NamedTuple):
     state: str
 
 
-async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
+async def entities_of(connection: HomeConnection) -> list[HomeEntity]:
     """Return the entities that people can point at, by area and name, without hidden and technical ones."""
     states = await connection.states()
     areas = await _registry(connection, "area", "area_id")
@@ -46,9 +46,7 @@ async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
     return sorted(entities, key=_order)
 
 
-async def _registry(
-    connection: HomeAssistantConnection, kind: str, id_key: str
-) -> dict[str, Mapping[str, Any]]:
+async def _registry(connection: HomeConnection, kind: str, id_key: str) -> dict[str, Mapping[str, Any]]:
     """Return the entries of a registry of Home Assistant by id, none without the right to read it."""
     try:
         reply: object = await connection.request(f"config/{kind}_registry/list")

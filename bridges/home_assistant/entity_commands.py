@@ -8,14 +8,14 @@ from collections.abc import Callable, Collection, Generator, Mapping
 from typing import Any, NamedTuple
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import (
-    LOST,
-    REPLY_TIMEOUT_S,
+from pointit.bridges.home_assistant.connection import LOST, REPLY_TIMEOUT_S
+from pointit.bridges.home_assistant.home_action import ServiceCall
+from pointit.bridges.home_assistant.home_connection import (
+    BROKER_CODE,
     ActionRefusedError,
-    HomeAssistantConnection,
+    HomeConnection,
     NoHomeAssistantError,
 )
-from pointit.bridges.home_assistant.home_action import ServiceCall
 from pointit.bridges.home_assistant.hover_feedback import (
     RESTORE_TIMEOUT_S,
     UNKNOWN,
@@ -68,7 +68,7 @@ class EntityCommands:
         self._bus = bus
         self._state_of = states
         self._hovered = hovered
-        self._connection: HomeAssistantConnection | None = None
+        self._connection: HomeConnection | None = None
         self._pending: dict[str, PendingCall] = {}
         """Newest call of each entity that is not sent yet."""
         self._workers: dict[str, asyncio.Task[None]] = {}
@@ -85,7 +85,7 @@ class EntityCommands:
             now_s = asyncio.get_running_loop().time
             self._feedback = HoverFeedback(StateFile[DimmedLights].at(file, DimmedLights), now_s)
 
-    def open(self, connection: HomeAssistantConnection) -> None:
+    def open(self, connection: HomeConnection) -> None:
         """Send by `connection` from now on."""
         self._connection = connection
 
@@ -101,7 +101,7 @@ class EntityCommands:
             with self._report_file_errors():
                 self._feedback.on_state(entity, before, state)
 
-    async def close(self, connection: HomeAssistantConnection, *, is_lost: bool) -> None:
+    async def close(self, connection: HomeConnection, *, is_lost: bool) -> None:
         """Stop, and restore all lamps unless the connection is lost."""
         self._connection = None
         workers = list(self._workers.values())
@@ -172,7 +172,7 @@ class EntityCommands:
         """Return the lamps that are not restored yet."""
         return self._feedback.entities if self._feedback is not None else ()
 
-    async def _send_calls(self, connection: HomeAssistantConnection, entity: str) -> None:
+    async def _send_calls(self, connection: HomeConnection, entity: str) -> None:
         """Send calls to an entity, at a limited rate, until it is as it shall be."""
         try:
             while await self._send_next(connection, entity):  # noqa: ASYNC110 - no wait, a rate
@@ -182,7 +182,7 @@ class EntityCommands:
         finally:  # at once: what is woken now needs another task
             self._workers.pop(entity, None)
 
-    async def _send_next(self, connection: HomeAssistantConnection, entity: str) -> bool:
+    async def _send_next(self, connection: HomeConnection, entity: str) -> bool:
         """Send the next call to an entity. Return False if there is none."""
         if entity in self._pending:
             await self._send_pending(connection, entity)
@@ -193,7 +193,7 @@ class EntityCommands:
             return await self._show_hover(connection, entity)
         return await self._restore(connection, entity)
 
-    async def _send_pending(self, connection: HomeAssistantConnection, entity: str) -> None:
+    async def _send_pending(self, connection: HomeConnection, entity: str) -> None:
         """Send the call that waits, and set its result."""
         await self._restore(connection, entity)  # first: the lamp has its brightness when it is on
         if entity not in self._pending:  # its time was over meanwhile
@@ -216,7 +216,7 @@ class EntityCommands:
         if not result.done():
             result.set_result(None)
 
-    async def _show_hover(self, connection: HomeAssistantConnection, entity: str) -> bool:
+    async def _show_hover(self, connection: HomeConnection, entity: str) -> bool:
         """Show the hover on a lamp. Return False if it shows it already, or cannot."""
         call = None
         if self._feedback is not None:
@@ -244,14 +244,14 @@ class EntityCommands:
             )
         return True
 
-    async def _restore_at_end(self, connection: HomeAssistantConnection, entity: str) -> None:
+    async def _restore_at_end(self, connection: HomeConnection, entity: str) -> None:
         """Restore a lamp, and erase what is stored once its state shows that."""
         with contextlib.suppress(NoHomeAssistantError):
             while await self._restore(connection, entity, timeout_s=0.0):  # noqa: ASYNC110 - a rate, no wait
                 await asyncio.sleep(1.0 / self._config.rate_hz)
 
     async def _restore(
-        self, connection: HomeAssistantConnection, entity: str, *, timeout_s: float = RESTORE_TIMEOUT_S
+        self, connection: HomeConnection, entity: str, *, timeout_s: float = RESTORE_TIMEOUT_S
     ) -> bool:
         """Give a lamp its brightness of before the hover. Return False if it has it, or is off now."""
         call = None
@@ -263,9 +263,7 @@ class EntityCommands:
         await self._send_brightness(connection, call, REPLY_TIMEOUT_S)
         return True
 
-    async def _send_brightness(
-        self, connection: HomeAssistantConnection, call: ServiceCall, timeout_s: float
-    ) -> None:
+    async def _send_brightness(self, connection: HomeConnection, call: ServiceCall, timeout_s: float) -> None:
         """Send a call of the hover. If it fails, the state of the lamp shows the result."""
         context = UNKNOWN
         with contextlib.suppress(RefusedError, TimeoutError):
@@ -302,6 +300,8 @@ def _failure(call: ServiceCall, error: Exception) -> ActFailedError:
             "refused",
             f"this token's user may not switch {call.entity} in Home Assistant: use another user's token",
         )
+    if code == BROKER_CODE:
+        return ActFailedError("refused", str(error))
     if code == "not_found":
         return ActFailedError("refused", f"Home Assistant has no action {action}: correct it in the map")
     return ActFailedError("refused", f"Home Assistant refuses {action} on {call.entity} ({error})")

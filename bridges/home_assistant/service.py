@@ -8,16 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pointit.bridges.home_assistant.announcer import VOICES, HomeAnnouncer
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import (
-    HomeAssistantConnection,
-    LoginError,
-    NoHomeAssistantError,
-    connected,
-    is_state,
-    require_client,
-)
+from pointit.bridges.home_assistant.connection import LoginError, connected, require_client
 from pointit.bridges.home_assistant.entity_commands import EntityCommands, replaced_act
 from pointit.bridges.home_assistant.home_action import SLOW_DOMAINS, UNAVAILABLE, HomeAction
+from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHomeAssistantError, is_state
+from pointit.bridges.home_assistant.mqtt.broker_connection import broker_connected
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -119,7 +114,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if config.setup:  # its cards ask for both
             return
         config.check()
-        config.read_token()
+        if not config.broker:
+            config.read_token()
 
     def _make_setup(self, config: HomeAssistantConfig) -> "SetupSession | None":
         """Return the set-up of a home, or None if this run has none. Raises ConfigError."""
@@ -161,7 +157,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                         self._problem = REJECTED_LOGIN
                     await self._wait_for_new_token()
                 except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
-                    self._report_loss(str(error) or f"{self.config.url} does not answer: restart it")
+                    address = self.config.broker or self.config.url
+                    self._report_loss(str(error) or f"{address} does not answer: restart it")
                     await self._pause_before_retry()
         finally:
             await self._carrier.close()
@@ -185,8 +182,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             return
         self._setup.address_changed.clear()
         self.config = self._setup.config_of(self.config)
-        if not self.config.url:
-            self._problem = "no Home Assistant is set up yet: open the page and choose one"
+        if not self.config.url and not self.config.broker:
+            self._problem = "no Home Assistant or broker is set up yet: open the page and choose one"
             self.bus.clear("connection")
             await self._setup.address_changed.wait()
             await self._await_address()
@@ -203,7 +200,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             await wait_up_to(self._setup.address_changed, RETRY_S)
 
     async def _serve_connection(self) -> None:
-        async with connected(self.config) as connection:
+        home = broker_connected(self.config) if self.config.broker else connected(self.config)
+        async with home as connection:
             reading = asyncio.create_task(connection.read(), name="messages of Home Assistant")
             tasks = {
                 reading,
@@ -225,13 +223,13 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                     reading.cancel()
                     await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _follow_states(self, connection: HomeAssistantConnection) -> None:
+    async def _follow_states(self, connection: HomeConnection) -> None:
         """Read all states, and report those of things whenever they change."""
         self._states.clear()
         self._hints.clear()
 
         # Changes are subscribed before the states are read, so that none is missed in between
-        silent = f"{self.config.url} accepts the token but then does not answer: restart Home Assistant"
+        silent = f"{self.config.broker or self.config.url} {self.config.words.silence}"
         silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
         try:
             await connection.subscribe("state_changed", self._on_state_changed)
@@ -264,7 +262,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._change = asyncio.Event()
         change.set()
 
-    async def _read_states(self, connection: HomeAssistantConnection) -> None:
+    async def _read_states(self, connection: HomeConnection) -> None:
         """Read the states of the entities that are used, and the names of all."""
         self._should_read = False
         states = await connection.states()
@@ -332,6 +330,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         connection no state is known.
         """
         entity = action.entity
+        words = self.config.words
         if action.action and not action.is_of(self.config.actions):
             problem = f"{action.action} on {entity} is not allowed: list it in `home-assistant.actions`"
             return problem, False
@@ -341,12 +340,12 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if not is_missing and not self._is_unavailable(entity):
             return "", False
         if self._is_starting:
-            return "Home Assistant is still starting: wait", True
+            return words.starting, True
         if is_missing:
             hint = self._hints.get(entity, "")
             shown_hint = f" ({hint})" if hint else ""
-            return f"Home Assistant has no {entity}{shown_hint}: correct the map", False
-        return f"{entity} is unavailable in Home Assistant: look into its integration there", False
+            return f"{words.name} has no {entity}{shown_hint}: correct the map", False
+        return f"{entity} is unavailable {words.place}: {words.remedy}", False
 
     async def switch(self, thing: Thing, action: HomeAction, act: Act) -> None:
         """Run the action of a thing, and wait until its entity is as wanted. Raises ActFailedError."""
@@ -396,7 +395,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             state = "on" if is_on else "off"
             raise ActFailedError(
                 "no_effect",
-                f"{action.entity} did not go {state} in Home Assistant: is it powered, and in reach?",
+                f"{action.entity} did not go {state} {self.config.words.place}: is it powered, and in reach?",
             ) from None
 
     def _is_on(self, action: HomeAction) -> bool | None:
@@ -475,12 +474,15 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._announcer.report_voice()
 
         # An empty sentence clears the warning
+        words = self.config.words
         names = first_of(missing, MAX_NAMES)
         remedy = "correct `home_assistant` in the map or site"
-        self.bus.warn("entities", names and f"not in Home Assistant: {names}; {remedy}")
+        self.bus.warn("entities", names and f"not {words.place}: {names}; {remedy}")
         names = first_of(unavailable, MAX_NAMES)
         remedy = "look into the integration there"
-        self.bus.warn("unavailable", names and f"unavailable in Home Assistant: {names}; {remedy}")
+        if self.config.broker:
+            remedy = words.remedy
+        self.bus.warn("unavailable", names and f"unavailable {words.place}: {names}; {remedy}")
 
 
 class HomeTarget:

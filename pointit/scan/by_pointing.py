@@ -51,6 +51,7 @@ class TargetRay:
         person, place: names; the same for rays that share their errors.
         origin_m, direction: from the eyes, unit.
         place_sigma_m, heading_sigma_rad: of the person's pose.
+        azimuth_sigma_rad: of this ray's azimuth beside others of the person, or None for that of the model.
     """
 
     target: str
@@ -60,6 +61,7 @@ class TargetRay:
     direction: Vec3
     place_sigma_m: float = PLACE_SIGMA_M
     heading_sigma_rad: float = HEADING_SIGMA_RAD
+    azimuth_sigma_rad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,8 @@ class PointingModel:
         self.count = first_place + 3 * len(places)
         self.origins = np.array([ray.origin_m for ray in rays])
         self.directions = np.array([ray.direction for ray in rays])
+        azimuth_sigmas_rad = [ray.azimuth_sigma_rad or hold_sigma_rad for ray in rays]
+        self._azimuth_sigmas_rad = np.array(azimuth_sigmas_rad)
 
         # Targets have no prior. If the rays of a place differ in theirs, the last one counts.
         prior_sigmas = [np.full(2 * len(people), bias_sigma_rad)]
@@ -207,7 +211,7 @@ class PointingModel:
 
         level = np.cos(measured_elevation)  # an azimuth error of a steep ray is a smaller angle
         sigma_rad = self._hold_sigma_rad
-        across = azimuth_error * level / sigma_rad
+        across = azimuth_error * level / self._azimuth_sigmas_rad
         return np.concatenate([across, elevation_error / sigma_rad, self.priors(values)])
 
     def priors(self, values: Array) -> Array:

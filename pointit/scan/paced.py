@@ -41,6 +41,11 @@ DISTANCE_SIGMA_M = 1.5
 """Its standard deviation."""
 PRESS_SIGMA_RAD = math.radians(2.0)
 """Standard deviation of one press beside the others of the person, per axis."""
+USUAL_REACH_RAD = math.radians(39.0)
+REACH_SIGMA_RAD = math.radians(4.5)
+"""Scatter of azimuths after a reach of that angle or more. It grows with the angle (Schmidt 1979)."""
+STILL_SIGMA_RAD = math.radians(1.5)
+"""Scatter of azimuths that does not depend on the reach."""
 KNOWN_M = 1e-3
 KNOWN_RAD = 1e-3
 """Standard deviations of what defines the frame: the first place, and the person's own errors."""
@@ -98,8 +103,18 @@ class PacedRoom:
     """Change of the device's yaw from the first place to the second one."""
 
 
-def paced_ray(target: str, place: str, eyes_m: Vec3, direction: Vec3) -> TargetRay:
-    """Return the ray of a press at `place`, with its eyes and direction in the person's frame {H}."""
+def paced_ray(
+    target: str, place: str, eyes_m: Vec3, direction: Vec3, reach_rad: float | None = None
+) -> TargetRay:
+    """Return the ray of a press at `place`, with its eyes and direction in the person's frame {H}.
+
+    `reach_rad`: angle by which the arm has moved from the press before, which says how exact this one is.
+    None: all presses count the same.
+    """
+    azimuth_sigma_rad = None
+    if reach_rad is not None:
+        share = min(reach_rad / USUAL_REACH_RAD, 1.0)
+        azimuth_sigma_rad = math.hypot(STILL_SIGMA_RAD, share * REACH_SIGMA_RAD)
     return TargetRay(
         target=target,
         person="",
@@ -108,6 +123,7 @@ def paced_ray(target: str, place: str, eyes_m: Vec3, direction: Vec3) -> TargetR
         direction=direction,
         place_sigma_m=KNOWN_M,
         heading_sigma_rad=KNOWN_RAD,
+        azimuth_sigma_rad=azimuth_sigma_rad,
     )
 
 
@@ -124,15 +140,29 @@ def locate_paced(rays: Sequence[TargetRay], walk: Walk | None = None) -> PacedRo
     if not any(ray.place == FIRST for ray in rays):
         raise RefusedError("nobody has pointed at anything from the first place yet")
     walk = walk or Walk()
-    model = PacedModel(rays, walk)
+
+    # Only the last press of each lamp at each place is judged, all alike: a wide reach hides no wrong lamp
+    last_rays = {(ray.target, ray.place): replace(ray, azimuth_sigma_rad=None) for ray in rays}
+    equal_rays = list(last_rays.values())
+    model = PacedModel(equal_rays, walk)
     solution = model.fit()
     room = model.room(solution)
-    contradicting = _contradicting(rays, walk, solution, room)
+    contradicting = _contradicting(equal_rays, walk, solution, room)
     if contradicting:
         reason = "the presses from the two places do not meet: was it another lamp?"
         target = room.targets[contradicting]
         room.targets[contradicting] = replace(target, reason=reason)
-    return room
+    if equal_rays == list(rays):
+        return room
+
+    # Positions and directions: each press by its own scatter
+    weighted_model = PacedModel(rays, walk)
+    weighted_solution = weighted_model.fit()
+    weighted = weighted_model.room(weighted_solution)
+    for name, target in weighted.targets.items():
+        reason = room.targets[name].reason
+        weighted.targets[name] = replace(target, reason=reason)
+    return weighted
 
 
 def _contradicting(rays: Sequence[TargetRay], walk: Walk, solution: Any, room: PacedRoom) -> str:

@@ -36,8 +36,8 @@ DEVICES = {
             network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
         "foxglove": "server.py",
         "home-assistant": """
-            announcer.py connection.py entities.py entity_commands.py setup/home_files.py
-            setup/setup_session.py""",
+            announcer.py connection.py entities.py entity_commands.py mqtt/broker_connection.py
+            setup/home_files.py setup/setup_session.py""",
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py",
         "reactions": "http_status.py targets.py",
@@ -70,7 +70,7 @@ HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
     *("pointit.runtime.address_config", "pointit.runtime.host.extras"),
     *("pointit.runtime.host.state_file", "pointit.runtime.host.store", "pointit.runtime.host.unpacking"),
-    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config"),
+    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.discovery"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""
 LONGEST = 600

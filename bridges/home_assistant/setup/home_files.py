@@ -18,8 +18,9 @@ from pointit.maps.model import MAX_LABEL, MapFile
 from pointit.maps.things import things_of
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
+from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.scan.paced import FIRST, SECOND
-from pointit.schemas.home import LAMP, STRIP, TOKEN_FILE
+from pointit.schemas.home import LAMP, PASSWORD_FILE, STRIP, TOKEN_FILE
 
 MAP = "home.yaml"
 DRAFT = "placing.yaml"
@@ -50,6 +51,7 @@ class HomeFiles:
         self.draft = folder / DRAFT
         self.site = folder / SITE
         self.token = folder / TOKEN_FILE
+        self.password = folder / PASSWORD_FILE
         self.state = StateFile[StoredSetup].at(folder / STATE, StoredSetup)
 
     def create(self) -> None:
@@ -78,15 +80,23 @@ class HomeFiles:
         return self.map
 
     def write_site(self, setup: StoredSetup) -> None:
-        """Write the address of Home Assistant into the parameters. Raises ConfigError."""
+        """Write the address of the home into the parameters. Raises ConfigError."""
         text = EMPTY_SITE
         if self.site.exists():
             text = read_limited(self.site, MAX_MAP_BYTES).decode()
-        write_atomically(self.site, with_home_assistant(text, setup.url, self.token).encode())
+        secret = self.secret_of(setup.url)
+        write_atomically(self.site, with_home_assistant(text, setup.url, secret).encode())
+
+    def secret_of(self, url: str) -> Path:
+        """Return the file with the password of the broker at `url`, or with the token of a Home Assistant."""
+        return self.password if is_broker_url(url) else self.token
 
 
-def with_home_assistant(text: str, url: str, token_file: Path) -> str:
-    """Return the parameters in `text` with a Home Assistant, or without one if `url` is empty."""
+def with_home_assistant(text: str, url: str, secret_file: Path) -> str:
+    """Return the parameters in `text` with a Home Assistant or broker, or without one if `url` is empty.
+
+    `secret_file` has the token or the password. A broker without a user name asks for none.
+    """
     rest = SECTION.sub("", text)
     if not url:
         return rest
@@ -94,8 +104,12 @@ def with_home_assistant(text: str, url: str, token_file: Path) -> str:
         rest += "\n"
     # the texts of JSON are those of YAML, too
     url_text = json.dumps(url)
-    path_text = json.dumps(str(token_file))
-    return f"{rest}home_assistant: {{url: {url_text}, token_file: {path_text}}}\n"
+    path_text = json.dumps(str(secret_file))
+    if not is_broker_url(url):
+        return f"{rest}home_assistant: {{url: {url_text}, token_file: {path_text}}}\n"
+    if "@" not in url:
+        return f"{rest}home_assistant: {{broker: {url_text}}}\n"
+    return f"{rest}home_assistant: {{broker: {url_text}, password_file: {path_text}}}\n"
 
 
 def draft_map(content: bytes, path: Path) -> bytes:

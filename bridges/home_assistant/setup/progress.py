@@ -2,8 +2,10 @@
 
     connect ──▶ choose ──▶ hand ──▶ place ──▶ try ──▶ done        `go` returns to any card
 
-In `place`, people point at each lamp from the place A, walk, and point at each again from B. The zero of
-their device's yaw may change meanwhile, as after a restart. Then a lamp that was pointed at before finds it.
+In `place`, people point at each lamp from the place A, walk, and point at each again from B. Pointing after a
+wide movement of the arm is less exact, so at A such lamps come once more, in the order in which they stand,
+unless the first of them show that this person points well. At B all come in that order. The zero of their
+device's yaw may change meanwhile, as after a restart. Then a lamp that was pointed at before finds it.
 """
 
 import math
@@ -24,6 +26,16 @@ TRIAL_HEIGHT_M = 1.4
 """Azimuth of the outermost lamps, and height of all, if nobody points at them: for a trial with the mouse."""
 MIN_HEIGHT_M = 0.16
 """Least height of a lamp: half its size, so that it stands on the floor."""
+
+MIN_AGAIN = 4
+"""Number of lamps and ends from which wide movements of the arm are made up for by pressing once more."""
+WIDE_REACH_RAD = math.radians(40.0)
+"""Movement of the arm before a press, from which the lamp comes once more."""
+JUDGED_AGAIN = 3
+MAX_AGAIN_SPREAD_RAD = math.radians(3.0)
+"""Rms of the differences of azimuths of lamps that came once more, up to which the others need not."""
+AGAIN = "your arm came from far away, and a short way is more exact"
+"""Reason for which a lamp comes once more."""
 
 End = Literal["", "first", "last"]
 
@@ -57,6 +69,8 @@ class LampPress(_Stored):
     azimuth_rad: float
     elevation_rad: float
     eyes_m: float
+    reach_rad: float | None = None
+    """Angle from the press before, or None if that is not known."""
 
 
 class PlacedLamp(_Stored):
@@ -109,6 +123,8 @@ class SetupProgress:
         self.reasons: dict[str, str] = {}
         """Lamps that are asked for once more, with the reason."""
         self._epoch: int | None = None
+        self._arm_rad: tuple[float, float] | None = None
+        """Azimuth and elevation of the last press, {H}."""
 
     @property
     def _must_align(self) -> bool:
@@ -137,10 +153,50 @@ class SetupProgress:
         if self.state.step != "place":
             return None
         pressed = self._pressed_targets(self.state.place)
-        for target in self.targets:
+        for target in self._targets_in_order:
             if target not in pressed:
                 return target
-        return None
+        return next(iter(self._targets_again), None)
+
+    @property
+    def is_again(self) -> bool:
+        """Return True if the lamp whose turn it is comes once more because the arm moved far before."""
+        if self.is_aligning or self.target is None:
+            return False
+        return self.target in self._pressed_targets(self.state.place)
+
+    @property
+    def _targets_in_order(self) -> list[tuple[str, End]]:
+        """Return all targets: at the second place as they stand around the first one."""
+        if self.state.place == FIRST:
+            return self.targets
+        azimuths_rad = {_target_of(press): press.azimuth_rad for press in self.state.presses[::-1]}
+        return sorted(self.targets, key=lambda target: azimuths_rad.get(target, 0.0))
+
+    @property
+    def _targets_again(self) -> list[tuple[str, End]]:
+        """Return the targets that come once more at the first place, as they stand around it."""
+        if self.state.place != FIRST or len(self.targets) < MIN_AGAIN:
+            return []
+        first: dict[tuple[str, End], LampPress] = {}
+        differences_rad: dict[tuple[str, End], float] = {}
+        for press in self.state.presses:
+            target = _target_of(press)
+            if target in first:
+                difference_rad = press.azimuth_rad - first[target].azimuth_rad
+                differences_rad[target] = math.remainder(difference_rad, math.tau)
+            first.setdefault(target, press)
+
+        # Who points well has done enough
+        spread_rad = math.hypot(*differences_rad.values()) / math.sqrt(max(len(differences_rad), 1))
+        if len(differences_rad) >= JUDGED_AGAIN and spread_rad < MAX_AGAIN_SPREAD_RAD:
+            return []
+        again: list[tuple[str, End]] = []
+        for target, press in first.items():
+            is_wide = press.reach_rad is None or press.reach_rad > WIDE_REACH_RAD
+            if is_wide and target not in differences_rad:
+                again.append(target)
+        return sorted(again, key=lambda target: first[target].azimuth_rad)
 
     @property
     def place(self) -> HomePlace:
@@ -208,6 +264,7 @@ class SetupProgress:
         """Note the number of the zero of the device's yaw: with another one, azimuths mean something else."""
         if self._epoch is not None and epoch != self._epoch:
             self.is_aligning = self._must_align
+            self._arm_rad = None
         self._epoch = epoch
 
     def press(self, azimuth_rad: float, elevation_rad: float, eyes_m: float) -> None:
@@ -226,9 +283,18 @@ class SetupProgress:
             azimuth_rad=math.remainder(azimuth_rad + self.state.turn_rad, math.tau),
             elevation_rad=elevation_rad,
             eyes_m=eyes_m,
+            reach_rad=self._reach_to(azimuth_rad, elevation_rad),
         )
         self._change(presses=(*self.state.presses, press))
         self.reasons.pop(lamp, None)
+
+    def _reach_to(self, azimuth_rad: float, elevation_rad: float) -> float | None:
+        """Return the angle by which the arm has moved since the last press, and note where it is now."""
+        previous = self._arm_rad
+        self._arm_rad = (azimuth_rad, elevation_rad)
+        if previous is None:
+            return None
+        return math.hypot(math.remainder(azimuth_rad - previous[0], math.tau), elevation_rad - previous[1])
 
     def take_back(self) -> None:
         """Forget the last press. At the second place without presses, return to the first one."""
@@ -241,6 +307,7 @@ class SetupProgress:
         """Note that the person stands at the second place."""
         if not self.may_walk:
             raise RefusedError("point at all lamps from the first place before you walk")
+        self._arm_rad = None
         self._change(place=SECOND)
 
     def stay(self) -> None:
@@ -308,7 +375,8 @@ class SetupProgress:
                 continue
             key = target_key(press.lamp, press.end)
             eyes_m = (0.0, 0.0, press.eyes_m)
-            rays.append(paced_ray(key, press.place, eyes_m, _direction(press)))
+            reach_rad = math.pi if press.reach_rad is None else press.reach_rad
+            rays.append(paced_ray(key, press.place, eyes_m, _direction(press), reach_rad))
         return locate_paced(rays)
 
     def on_room(self, room: PacedRoom) -> None:
@@ -430,6 +498,10 @@ class SetupProgress:
 def target_key(lamp: str, end: End) -> str:
     """Return the name of a lamp or of an end of a strip in the fit."""
     return f"{lamp}|{end}"
+
+
+def _target_of(press: LampPress) -> tuple[str, End]:
+    return press.lamp, press.end
 
 
 def _direction(press: LampPress) -> Vec3:

@@ -13,18 +13,19 @@ import numpy as np
 from pydantic import ValidationError
 
 from pointit.bridges.home_assistant.config import FORM, HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import HomeAssistantConnection, NoHomeAssistantError
 from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
+from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHomeAssistantError
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
 from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
-from pointit.bridges.home_assistant.setup.progress import ChosenLamp, End, SetupProgress
+from pointit.bridges.home_assistant.setup.progress import AGAIN, ChosenLamp, End, SetupProgress
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.maps.file import parse_map_file
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
 from pointit.schemas import ButtonEvent, HomeLamp, HomeSetup, ImuSample, PointingRay, SetUpHome
 from pointit.schemas.base import MAX_ID
 from pointit.schemas.home import LAMP, STRIP
@@ -87,7 +88,7 @@ class SetupSession:
         self._wake = wake
 
         # Cards
-        self._connection: HomeAssistantConnection | None = None
+        self._connection: HomeConnection | None = None
         self._entities: Sequence[HomeEntity] = ()
         self._entities_s = -math.inf
         self._problem = ""
@@ -117,11 +118,19 @@ class SetupSession:
         self._report_progress()
 
     def config_of(self, config: HomeAssistantConfig) -> HomeAssistantConfig:
-        """Return `config` with the address that was set up, and the token's file."""
+        """Return `config` with the address that was set up, and the file of its token or password."""
         state = self.progress.state
         if not state.url and state.has_home:
             return config
-        return config.model_copy(update={"url": state.url, "token_file": str(self.files.token)})
+        secret = str(self.files.secret_of(state.url))
+        if not is_broker_url(state.url):
+            return config.model_copy(update={"url": state.url, "token_file": secret, "broker": ""})
+
+        # A broker without a user name asks for no password
+        broker = BrokerConfig(broker=state.url)
+        values = broker.model_dump(include={"broker", "tls", "username"})
+        values["password_file"] = secret if broker.username and Path(secret).exists() else ""
+        return config.model_copy(update={"url": "", "token_file": "", **values})
 
     @property
     def entities(self) -> set[str]:
@@ -286,7 +295,9 @@ class SetupSession:
         if state.step == "try":
             content = await asyncio.to_thread(self.files.read_map)
             advice = await asyncio.to_thread(advice_on, content, self.files.map, state.places_m)
-        has_token = self.files.token.exists()
+        elif state.step == "choose" and self._connection is not None:
+            advice = list(self._connection.refusals)
+        has_token = self.files.secret_of(state.url).exists()
         is_connected = self._connection is not None
         lamps = tuple(await self._shown_lamps())
 
@@ -351,10 +362,15 @@ class SetupSession:
         # The states that are followed are newer than those of the list of entities
         listed_states = {entity.entity: entity.state for entity in self._entities}
         sigmas = sigmas_of(state.placed)
+        lamp_again = ""
+        if progress.target is not None and progress.is_again:
+            lamp_again = progress.target[0]
         lamps: list[HomeLamp] = []
         for lamp in listed:
             pressed_from = {press.place for press in state.presses if press.lamp == lamp.id}
             reason = state.left_out.get(lamp.id, "") or progress.reasons.get(lamp.id, "")
+            if not reason and lamp.id == lamp_again:
+                reason = AGAIN
             listed_state = listed_states.get(lamp.id, "")
             text = str(self._state_of(lamp.id).get("state", listed_state))
             lamps.append(
@@ -440,7 +456,7 @@ class SetupSession:
 
     # Lamps that are lit.
 
-    async def run(self, connection: HomeAssistantConnection) -> None:
+    async def run(self, connection: HomeConnection) -> None:
         """Light the lamp whose turn it is, until the address changes.
 
         Raises:
@@ -485,7 +501,7 @@ class SetupSession:
         lamp, _ = target
         return "" if _is_of_map(lamp) else lamp
 
-    async def _light_spot(self, connection: HomeAssistantConnection) -> None:
+    async def _light_spot(self, connection: HomeConnection) -> None:
         """Light the lamp whose turn it is, and end the light of those whose turn is over."""
         previous_spot = self._spot
         self._spot = self._wanted_spot()
@@ -504,7 +520,7 @@ class SetupSession:
         except ConfigError as error:
             self._bus.warn("setup", f"lamps are not lit: {error}")
 
-    async def _end_light(self, connection: HomeAssistantConnection, entity: str) -> None:
+    async def _end_light(self, connection: HomeConnection, entity: str) -> None:
         """Switch a lamp off again whose turn is over."""
         if entity == self._spot:
             self._ended_s.pop(entity, None)
@@ -527,6 +543,8 @@ def _checked_url(text: str) -> str:
     url = text.strip()
     if url and "://" not in url:
         url = f"http://{url}"
+    if is_broker_url(url):
+        return _checked_broker(url)
     try:
         checked = HomeAssistantConfig(url=url).url
     except ValidationError:
@@ -534,3 +552,15 @@ def _checked_url(text: str) -> str:
     if not checked:
         raise RefusedError(f"that is no address of a Home Assistant: {FORM}")
     return checked
+
+
+def _checked_broker(url: str) -> str:
+    try:
+        host = BrokerConfig(broker=url).broker
+    except ValidationError:
+        host = ""
+    if not host:
+        raise RefusedError(
+            "that is no address of a broker: write mqtt://HOST, or mqtt://USER@HOST and the password below"
+        )
+    return url.rstrip("/")

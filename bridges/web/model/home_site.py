@@ -1,7 +1,8 @@
-"""The set-up of a home for pages: stores the token, asks `home-assistant`, and makes the site follow.
+"""The set-up of a home for pages: stores its token, asks `home-assistant`, and makes the site follow.
 
-The token goes into a file in the folder of the home and nowhere else. Answers call for requests of an
-operator, which the server of the page may send: a map, the pose of the person, the light of a strip.
+The token of a Home Assistant, or the password of a broker, goes into a file in the folder of the home and
+nowhere else. Answers call for requests of an operator, which the server of the page may send: a map, the
+pose of the person, the light of a strip.
 """
 
 import asyncio
@@ -15,12 +16,14 @@ from pydantic import SecretStr
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.runtime.host.state_file import expand_home, write_atomically
+from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
 from pointit.schemas.base import Rgb
-from pointit.schemas.home import LAMP, STRIP, TOKEN_FILE
+from pointit.schemas.home import LAMP, PASSWORD_FILE, STRIP, TOKEN_FILE
 from pointit.schemas.topics import SET_LAMP, SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
 
 MAX_TOKEN = 4096
+MAX_PASSWORD_BYTES = 1024
 TOKEN_FORM = re.compile(r"[!-~]+")
 """One word of ASCII."""
 WHITE: Rgb = (255, 255, 255)
@@ -57,28 +60,36 @@ class HomeSite:
 
         Args:
             query: the act.
-            token: long-lived access token that is stored first, or None.
+            token: long-lived access token, or password of a broker, that is stored first, or None.
             pixels: number of pixels of each strip of the map.
 
         Raises:
-            PointItError: If it is not possible; the text has the reason, and never the token.
+            PointItError: If it is not possible; the text has the reason, and never the token or password.
         """
         if not self._folder:
             raise RefusedError("this page belongs to no home: start `pointit home`")
         if token is not None:
-            await asyncio.to_thread(self._store_token, token.get_secret_value().strip())
+            store = self._store_password if is_broker_url(query.url) else self._store_token
+            await asyncio.to_thread(store, token.get_secret_value())
         reply = await self._bus.call(SET_UP_HOME, query, timeout_s=TIMEOUT_S)
         async with self._working:
             await self._apply_reply(reply, pixels)
         return reply.model_dump(mode="json")
 
-    def _store_token(self, token: str) -> None:
+    def _store_token(self, secret: str) -> None:
+        token = secret.strip()
         if len(token) > MAX_TOKEN or TOKEN_FORM.fullmatch(token) is None:
             raise RefusedError(
                 "that is no access token: copy the whole long-lived access token, one long word, from your "
                 "profile in Home Assistant"
             )
         write_atomically(expand_home(self._folder) / TOKEN_FILE, token.encode(), mode=0o600)
+
+    def _store_password(self, secret: str) -> None:
+        content = secret.encode()
+        if not secret.isprintable() or not 0 < len(content) <= MAX_PASSWORD_BYTES:
+            raise RefusedError("that is no password: write it on one line, as the broker has it")
+        write_atomically(expand_home(self._folder) / PASSWORD_FILE, content, mode=0o600)
 
     async def _apply_reply(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Send the requests that an answer calls for: map, pose and light."""

@@ -80,6 +80,12 @@ class BrokerConfig(Config):
         return host, port
 
 
+def is_broker_url(url: str) -> bool:
+    """Return True if the text of an address names a broker, not a web server."""
+    scheme, separator, _ = url.strip().lower().partition("://")
+    return bool(separator) and scheme in SCHEMES
+
+
 def _url_parts(url: str) -> SplitResult:
     """Return the parts of the URL of a broker. Errors do not quote it: it may have a password."""
     error = described_error(f"broker: {FORM}")

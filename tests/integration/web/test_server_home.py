@@ -73,6 +73,33 @@ async def test_token_goes_into_a_private_file_and_nowhere_else(
     assert SECRET not in told
 
 
+async def test_password_of_a_broker_goes_into_a_private_file_as_it_is(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    password = " pass word "  # noqa: S105 - of a test
+    async with (
+        memory_bench() as bench,
+        serving(bench, home_folder=str(tmp_path)) as server,
+        server.page() as page,
+    ):
+        home = HomeServer(bench, HomeSetup(step="connect"))
+        answer = await page.ask(**act("connect", password, url="mqtt://anna@hub"))
+
+        file = tmp_path / "mqtt.password"
+        assert (file.read_text(), file.stat().st_mode & 0o777) == (password, 0o600)
+        assert home.acts == [SetUpHome(act="connect", url="mqtt://anna@hub")]
+        assert not (tmp_path / "home-assistant.token").exists()
+        for refused in ("", "a\nb", "x" * 2000):
+            reply = await page.ask(**act("connect", refused, url="mqtt://anna@hub"))
+            assert "no password" in reply["error"]
+        assert file.read_text() == password
+    # the log of the test's own browser has what it sends
+    logged = [record.getMessage() for record in caplog.records if record.name.startswith("pointit")]
+    assert logged
+    assert password not in json.dumps([answer, *logged])
+
+
 async def test_home_is_set_up_only_by_operators_of_a_home(tmp_path: Path) -> None:
     async with memory_bench() as bench, serving(bench, home_folder=str(tmp_path)) as server:
         home = HomeServer(bench, HomeSetup(step="connect"))

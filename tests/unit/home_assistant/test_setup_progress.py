@@ -140,7 +140,7 @@ def test_wrong_lamp_is_asked_for_once_more_then_left_out() -> None:
     for _ in LAMPS:
         point(progress)
     progress.walk()
-    for wrong in ("light.desk", "light.door", "light.door"):
+    for wrong in ("light.door", "light.desk", "light.door"):  # the shelf comes first there
         point(progress, wrong, from_m=SECOND_M)
     progress.on_room(progress.fit())
     assert progress.target == ("light.shelf", "")
@@ -159,13 +159,67 @@ def test_right_lamp_after_a_wrong_press_is_placed() -> None:
     for _ in LAMPS:
         point(progress)
     progress.walk()
-    for wrong in ("light.desk", "light.door", "light.door"):
+    for wrong in ("light.door", "light.desk", "light.door"):  # the shelf comes first there
         point(progress, wrong, from_m=SECOND_M)
     progress.on_room(progress.fit())
     point(progress, from_m=SECOND_M)
     progress.on_room(progress.fit())
     assert not progress.state.left_out
     assert_directions(progress)
+
+
+def test_lamps_at_the_second_place_come_as_they_stand() -> None:
+    progress = at_place()
+    for _ in LAMPS:
+        point(progress)
+    progress.walk()
+    assert [point(progress, from_m=SECOND_M) for _ in LAMPS] == ["light.shelf", "light.desk", "light.door"]
+
+
+def test_lamps_after_wide_movements_come_once_more_as_they_stand() -> None:
+    progress = at_wide_room()
+    first = [point_at(progress) for _ in WIDE_ROOM]
+    assert first == list(WIDE_ROOM)
+    assert progress.is_again
+    assert not progress.may_walk
+
+    again = [point_at(progress, error_deg=error_deg) for error_deg in (8.0, -8.0, 8.0, -8.0)]
+    assert again == ["light.a", "light.c", "light.d", "light.b"], (
+        "not light.e, which is near the one before it"
+    )
+    assert progress.may_walk
+    assert len(killed(progress).state.presses) == 9
+
+
+def test_person_who_points_well_repeats_three_lamps() -> None:
+    progress = at_wide_room()
+    for _ in WIDE_ROOM:
+        point_at(progress)
+    for _ in range(3):
+        point_at(progress, error_deg=1.0)
+    assert progress.may_walk
+    progress.take_back()
+    assert not progress.may_walk
+    assert progress.target == ("light.d", "")
+
+
+WIDE_ROOM = {"light.a": -60.0, "light.b": 60.0, "light.c": -50.0, "light.d": 5.0, "light.e": 20.0}
+"""Azimuths, degrees."""
+
+
+def at_wide_room() -> SetupProgress:
+    progress = SetupProgress()
+    progress.choose(tuple(ChosenLamp(id=name) for name in WIDE_ROOM), ())
+    progress.take_hand("phone", "anna")
+    return progress
+
+
+def point_at(progress: SetupProgress, *, error_deg: float = 0.0) -> str:
+    """Press while pointing at the lamp of the card, beside it by an error. Return its id."""
+    assert progress.target is not None
+    name, _ = progress.target
+    progress.press(math.radians(WIDE_ROOM[name] + error_deg), 0.0, EYES_M)
+    return name
 
 
 def test_one_place_suffices_when_the_person_stays() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,11 +28,11 @@ def angles(lamp: Vec3, place_m: tuple[float, float]) -> tuple[float, float]:
     return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
 
 
-def press(name: str, place: str, azimuth: float, elevation: float) -> TargetRay:
+def press(name: str, place: str, azimuth: float, elevation: float, reach: float | None = None) -> TargetRay:
     """Return a press in the direction of two angles."""
     level = math.cos(elevation)
     direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
-    return paced_ray(name, place, (0.0, 0.0, EYES_M), direction)
+    return paced_ray(name, place, (0.0, 0.0, EYES_M), direction, reach)
 
 
 def presses(
@@ -105,6 +106,26 @@ def test_two_swapped_lamps_are_named_with_a_reason() -> None:
 def test_one_wrong_press_is_named_and_no_other_lamp() -> None:
     room = locate_paced(presses(at_second={"shelf": "door"}))
     assert [name for name, target in room.targets.items() if target.reason] == ["shelf"]
+
+
+def test_press_after_a_short_way_counts_more() -> None:
+    rays: list[TargetRay] = []
+    for ray in presses():
+        if ray.place == FIRST:
+            azimuth, elevation = angles(LAMPS[ray.target], (0.0, 0.0))
+            wrong = press(ray.target, FIRST, azimuth + math.radians(8.0), elevation, reach=1.0)
+            rays += [wrong, press(ray.target, FIRST, azimuth, elevation, reach=0.0)]
+    room = locate_paced(rays)
+    x, y, _ = room.targets["desk"].position_m
+    assert math.degrees(math.atan2(y, x) - angles(LAMPS["desk"], (0.0, 0.0))[0]) < 1.5, "half of 8 is 4"
+
+
+def test_first_press_after_a_wide_reach_contradicts_no_other() -> None:
+    azimuth, elevation = angles(LAMPS["desk"], (0.0, 0.0))
+    wide = press("desk", FIRST, azimuth + math.radians(16.0), elevation, reach=1.0)
+    rays = [wide, *(replace(ray, azimuth_sigma_rad=0.03) for ray in presses())]
+    room = locate_paced(rays)
+    assert not any(target.reason for target in room.targets.values())
 
 
 def test_one_place_gives_directions_at_the_usual_distance() -> None:

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry import vector
-from pointit.scan.by_pointing import TargetRay
-from pointit.scan.paced import FIRST, SECOND, PacedRoom, locate_paced, paced_ray
+from pointit.bridges.home_assistant.setup.progress import ChosenLamp, SetupProgress
+from pointit.geometry.vector import Vec3
 from pointit.services.user_sim.body import OpenLoopError
 from pointit.services.user_sim.config import AimConfig, DecisionConfig, WristbandConfig
 
@@ -36,6 +35,8 @@ MIN_APART_RAD = math.radians(12.0)
 CAPTURE_RAD = math.radians(8.0)
 """Angle up to which the nearest lamp is the one that is meant."""
 MAX_CORRECTIONS = 4
+RESAMPLINGS = 300
+"""Number of samples of the bootstrap."""
 CORRECTED_SIGMA_RAD = math.radians(1.5)
 """Standard deviation of a small correction by what is heard or seen, per axis."""
 
@@ -50,6 +51,9 @@ class Result:
     tries: int = 0
     confirmed: int = 0
     wrong: int = 0
+    presses: int = 0
+    left_out: int = 0
+    """Lamps that were not placed since their presses contradicted the others twice."""
 
 
 def angles(lamps_m: Array, eyes_m: Sequence[float]) -> Array:
@@ -93,32 +97,71 @@ def run(seed: int, skill: float | None) -> Result:
     walk_rad = _drawn(math.pi / 2.0, WALK_AZIMUTH_SIGMA_RAD, rng)
     second_m = (walk_m * math.cos(walk_rad), walk_m * math.sin(walk_rad))
 
-    # a press at each lamp from both places
-    first_seen = angles(lamps_m, (0.0, 0.0, eyes_m))
-    second_seen = angles(lamps_m, (*second_m, eyes_m))
-    rays = _rays({FIRST: first_seen, SECOND: second_seen}, error, drift_radps)
-    return judged(locate_paced(rays), lamps_m, second_m, eyes_m, error, rng)
+    presses = _Presses(lamps_m, second_m, eyes_m, error, drift_radps)
+    while presses.progress.state.step == "place":
+        presses.go_on()
+    placed_lamps = presses.progress.state.placed
+    placed = {_index_of(lamp.lamp): lamp.position_m for lamp in placed_lamps}
+    origin_m = presses.progress.state.places_m[1]
+    result = judged(placed, origin_m, lamps_m[sorted(placed)], second_m, eyes_m, error, rng)
+    result.presses = presses.count
+    result.left_out = len(lamps_m) - len(placed)
+    return result
 
 
-def _rays(seen_from: dict[str, Array], error: OpenLoopError, drift_radps: float) -> list[TargetRay]:
-    """Return a ray at each lamp from each place, while the yaw drifts.
+class _Presses:
+    """Presses of one person while their yaw drifts.
 
-    Args:
-        seen_from: azimuths and elevations of the lamps (n x 2, rad) by place.
-        error: of the person, drawn for each reach.
-        drift_radps: of the yaw.
+    The cards of `pointit home` say which lamp comes next, and when to walk.
     """
-    rays: list[TargetRay] = []
-    time_s = 0.0
-    for place, seen in seen_from.items():
-        for index, lamp in enumerate(seen):
-            aim = _aim(error, lamp, seen[index - 1])
-            azimuth = float(aim[0]) + drift_radps * time_s
-            direction = vector.direction(azimuth, float(aim[1]))
-            rays.append(paced_ray(str(index), place, (0.0, 0.0, EYES_M), direction))
-            time_s += SECONDS_A_PRESS
-        time_s += WALK_S
-    return rays
+
+    def __init__(
+        self,
+        lamps_m: Array,
+        second_m: tuple[float, float],
+        eyes_m: float,
+        error: OpenLoopError,
+        drift_radps: float,
+    ) -> None:
+        self.count = 0
+        lamps = tuple(ChosenLamp(id=f"light.{index}") for index in range(len(lamps_m)))
+        self.progress = SetupProgress()
+        self.progress.choose(lamps, ())
+        self.progress.take_hand("phone", "person")
+        self._lamps_m = lamps_m
+        self._second_m = second_m
+        self._eyes_m = eyes_m
+        self._error = error
+        self._drift_radps = drift_radps
+        self._place_m = (0.0, 0.0)
+        self._time_s = 0.0
+        self._previous = np.zeros(2)
+        """Direction of the last lamp; the first one of a place is reached from ahead."""
+
+    def go_on(self) -> None:
+        """Walk if the cards allow it, or else press at the lamp of which it is the turn."""
+        if self.progress.may_walk:
+            self.progress.walk()
+            self._place_m = self._second_m
+            self._time_s += WALK_S
+            self._previous = np.zeros(2)
+        elif self.progress.target is None:
+            self.progress.on_room(self.progress.fit())
+        else:
+            self._press(_index_of(self.progress.target[0]))
+
+    def _press(self, lamp: int) -> None:
+        seen = angles(self._lamps_m, (*self._place_m, self._eyes_m))[lamp]
+        aim = _aim(self._error, seen, self._previous)
+        azimuth = float(aim[0]) + self._drift_radps * self._time_s
+        self.progress.press(azimuth, float(aim[1]), EYES_M)
+        self._previous = seen
+        self.count += 1
+        self._time_s += SECONDS_A_PRESS
+
+
+def _index_of(lamp: str) -> int:
+    return int(lamp.partition(".")[2])
 
 
 def _drawn(mean: float, sigma: float, rng: np.random.Generator) -> float:
@@ -133,18 +176,18 @@ def _aim(error: OpenLoopError, lamp: Array, previous: Array) -> Array:
 
 
 def judged(  # noqa: PLR0917 - the truth, and what is known of it
-    room: PacedRoom,
+    placed_m: dict[int, Vec3],
+    mapped_second: tuple[float, float],
     lamps_m: Array,
     second_m: tuple[float, float],
     eyes_m: float,
     error: OpenLoopError,
     rng: np.random.Generator,
 ) -> Result:
-    """Return errors and selections in the map `room` of the lamps at `lamps_m`."""
+    """Return errors and selections in the map `placed_m` of the lamps at `lamps_m`, in the same order."""
     result = Result(errors_deg=[])
-    positions_m = [room.targets[str(index)].position_m for index in range(len(lamps_m))]
-    mapped_m = np.array(positions_m)
-    mapped_second_m = np.array(room.places_m[1])
+    mapped_m = np.array([placed_m[index] for index in sorted(placed_m)])
+    mapped_second_m = np.array(mapped_second)
     # people point with their bias later, too
     bias = np.array([0.0, error.bias_rad])
     for share in (0.0, 1.0, 0.5):
@@ -196,25 +239,37 @@ def _select(
             aim = aim + step + CORRECTED_SIGMA_RAD * rng.standard_normal(2)
 
 
+def _shown_errors(errors_deg: Sequence[Sequence[float]]) -> str:
+    """Return median and 90 % of the errors of all people, with intervals of 95 % over the people."""
+    rng = np.random.default_rng(1)
+    percentiles: list[Array] = []
+    for _ in range(RESAMPLINGS):
+        people = rng.integers(0, len(errors_deg), len(errors_deg))
+        sample = np.concatenate([errors_deg[person] for person in people])
+        percentiles.append(np.percentile(sample, (50, 90)))
+    low, high = np.percentile(percentiles, (2.5, 97.5), axis=0)
+    median, most = np.percentile(np.concatenate(errors_deg), (50, 90))
+    return f"{median:.1f}° ({low[0]:.1f} to {high[0]:.1f}), 90 % {most:.1f}° ({low[1]:.1f} to {high[1]:.1f})"
+
+
 def main() -> None:
     """Print the figures for random people, and for those without any practice."""
     for name, skill in (("random skill", None), ("no practice", 0.0)):
         results = [run(seed, skill) for seed in SEEDS]
+        presses = float(np.mean([result.presses for result in results]))
+        left_out = sum(result.left_out for result in results)
         tries = sum(result.tries for result in results)
         confirmed = sum(result.confirmed for result in results)
         wrong = sum(result.wrong for result in results)
-        presses = max(confirmed + wrong, 1)
-        right = 100.0 * confirmed / presses
+        right = 100.0 * confirmed / max(confirmed + wrong, 1)
 
         # errors of all lamps and people, by place
-        errors = np.array([result.errors_deg for result in results])
         parts: list[str] = []
         for index, place in enumerate(("A", "B", "between")):
-            median, most = np.percentile(errors[:, index], (50, 90))
-            parts.append(f"{place} {median:.1f}° (90 %: {most:.1f}°)")
-        directions = ", ".join(parts)
+            parts.append(f"{place} {_shown_errors([result.errors_deg[index] for result in results])}")
         sys.stdout.write(
-            f"{name}: {len(results)} people, {LAMPS} lamps: {directions}; {tries} selections, "
+            f"{name}: {len(results)} people, {LAMPS} lamps, {presses:.1f} presses each, {left_out} left "
+            f"out: {', '.join(parts)}; {tries} selections, "
             f"{confirmed} right, {wrong} acts on another lamp, {right:.1f} % of the confirmed right\n"
         )
 

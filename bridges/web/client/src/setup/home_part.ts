@@ -10,7 +10,7 @@ import type { Panel } from "../panel/panel";
 import type { SetupCards } from "./setup_cards";
 
 const CARDS: readonly (readonly [HomeSetup["step"], string])[] = [
-  ["connect", "Home Assistant"],
+  ["connect", "Where lamps are"],
   ["choose", "Choose lamps"],
   ["hand", "What points"],
   ["place", "Place the lamps"],
@@ -50,7 +50,7 @@ export function homePart(controls: Controls, pairing: Pairing, panel: () => Pane
       write(
         state,
         added.length
-          ? `New in Home Assistant: ${added.join(", ")}. Choose lamps to point at them.`
+          ? `New lamps: ${added.join(", ")}. Choose lamps to point at them.`
           : "Each card can be opened again.",
       );
     },

@@ -3,10 +3,12 @@ import { test } from "node:test";
 
 import type { HomeLamp, HomeSetup } from "../messages";
 import {
+  brokerOf,
   byArea,
   cardOf,
   countOf,
   handText,
+  isBroker,
   lampText,
   placingText,
   profileOf,
@@ -120,4 +122,11 @@ test("reason ends with one full stop, and a scene's time is no state", () => {
 test("phone that is not paired is said, and one that points", () => {
   assert.equal(handText("phone", null), "No phone is paired yet.");
   assert.equal(handText("phone", { moved_by: "phone", phone: "connected" }), "The phone points.");
+});
+
+test("address of a broker is told from that of a web server by its scheme", () => {
+  for (const url of ["mqtt://hub", " MQTTS://anna@hub:8883", "tcp://hub"]) assert.ok(isBroker(url), url);
+  for (const url of ["http://hub", "hub:1883", "mqtt.local:8123"]) assert.ok(!isBroker(url), url);
+  assert.equal(brokerOf("hub:1884"), "mqtt://hub:1884");
+  assert.equal(brokerOf("mqtts://hub"), "mqtts://hub");
 });

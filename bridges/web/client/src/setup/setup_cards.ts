@@ -10,11 +10,14 @@ import type { Pairing } from "../panel/pairing";
 import type { Panel } from "../panel/panel";
 import { Refusal } from "../site/asks";
 import {
+  BROKER,
+  brokerOf,
   byArea,
   type Card,
   cardOf,
   countOf,
   handText,
+  isBroker,
   lampText,
   LEAD,
   lightsText,
@@ -52,11 +55,11 @@ const HANDS: readonly (readonly [HomeSetup["hand"], string])[] = [
   ["mouse", "The mouse, only to try it out"],
 ];
 
-/** What a person does, and the token of Home Assistant with it. */
+/** What a person does, and the token of Home Assistant or the password of a broker with it. */
 type Act = Partial<SetUpHome> & { token?: string };
 
 export class SetupCards {
-  /** Names of lamps that Home Assistant has gained since the last choice. */
+  /** Names of lamps that have come since the last choice. */
   added: string[] = [];
   private setup: HomeSetup | null = null;
   private card: Card = "";
@@ -239,10 +242,27 @@ export class SetupCards {
       text: "Make a token in your profile there, under Security",
     });
     const lead = el("p", { className: "muted", role: "status", id: LEAD });
+    const hint = el(
+      "p",
+      { className: "muted" },
+      profile,
+      ". It stays on this computer, in a file that only you can read.",
+    );
+    const urlName = el("span", {});
+    const tokenName = el("span", {});
     const found = el("fieldset", { className: "pairs", "aria-labelledby": LEAD });
     const state = el("p", { role: "status" });
     const tell = (): void => {
+      const hasBroker = isBroker(url.value);
+      write(urlName, hasBroker ? "Address of the broker" : "Address of Home Assistant");
+      write(tokenName, hasBroker ? "Password, if the address has a user" : "Access token");
+      show(hint, !hasBroker);
       mark(profile, "href", profileOf(url.value) || null);
+    };
+    const use = (address: string, next: HTMLInputElement): void => {
+      url.value = address;
+      tell();
+      next.focus();
     };
     url.addEventListener("input", tell);
     tell();
@@ -253,8 +273,9 @@ export class SetupCards {
         id: "setup-form",
         onsubmit: (event) => {
           event.preventDefault();
-          const secret = token.value.trim();
-          if (!secret && !this.setup?.has_token)
+          const hasBroker = isBroker(url.value);
+          const secret = hasBroker ? token.value : token.value.trim();
+          if (!secret && !hasBroker && !this.setup?.has_token)
             return this.refuse("paste the token first: it lets PointIt switch your lamps");
           void this.act({ act: "connect", url: url.value, ...(secret ? { token: secret } : {}) }).then(
             (isDone) => {
@@ -263,18 +284,14 @@ export class SetupCards {
           );
         },
       },
-      el("label", { className: "field" }, el("span", { text: "Address of Home Assistant" }), url),
-      el("label", { className: "field" }, el("span", { text: "Access token" }), token),
-      el(
-        "p",
-        { className: "muted" },
-        profile,
-        ". It stays on this computer, in a file that only you can read.",
-      ),
+      el("label", { className: "field" }, urlName, url),
+      el("label", { className: "field" }, tokenName, token),
+      hint,
     );
     this.body.append(lead, found, form, state);
     const again = this.button("Look again", () => this.search(), "quiet");
     this.button("There is no Home Assistant", () => this.act({ act: "without" }), "quiet");
+    this.button("Lamps on an MQTT broker", () => use(BROKER, url), "quiet");
     this.buttons.append(
       el("button", { type: "submit", className: "primary", text: "Connect", form: "setup-form" }),
     );
@@ -288,11 +305,7 @@ export class SetupCards {
           el("button", {
             type: "button",
             text: home.label,
-            onclick: () => {
-              url.value = home.url;
-              tell();
-              token.focus();
-            },
+            onclick: () => use(home.url, token),
           }),
         ),
       );
@@ -312,6 +325,9 @@ export class SetupCards {
         .map((home) => ({ label: String(home["label"]), url: String(home["url"] ?? "") }))
         .filter((home) => home.url);
       this.lights = foundDevices(reply).filter(({ kind }) => kind === "light");
+      const brokers = this.lights.filter(({ plugin }) => plugin === "mqtt").map(({ address }) => address);
+      for (const address of new Set(brokers))
+        this.homes.push({ label: `MQTT broker at ${address}`, url: brokerOf(address) });
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
     } finally {
@@ -325,6 +341,7 @@ export class SetupCards {
     const nearby = el("div", { className: "pairs" });
     const emptyState = el("p", { role: "status" });
     const lookState = el("p", { className: "muted", role: "status" });
+    const refused = el("ul", { className: "muted" });
     let hasLooked = false;
     const states = new Map<string, HTMLElement>();
     /** Ticks of this page: the list is made anew when Home Assistant gains a lamp. */
@@ -357,6 +374,7 @@ export class SetupCards {
       list,
       emptyState,
       lookState,
+      refused,
       nearby,
     );
     const look = (): Promise<void> => {
@@ -373,7 +391,10 @@ export class SetupCards {
         }),
       "primary",
     );
-    this.renewCard = ({ lamps, is_connected, url }) => {
+    this.renewCard = ({ lamps, is_connected, url, advice }) => {
+      renew(refused, JSON.stringify(advice), () =>
+        advice.map((sentence) => el("li", { text: capital(sentence) })),
+      );
       renew(list, JSON.stringify(lamps.map(({ id, label, area }) => [id, label, area])), () => {
         states.clear();
         return byArea(lamps).map(([area, own]) =>
@@ -381,10 +402,11 @@ export class SetupCards {
         );
       });
       const isWaiting = url !== "" && !is_connected;
-      const nothing = isWaiting ? "Waiting for Home Assistant …" : "No lamps are found yet.";
+      const nothing = isWaiting ? "Waiting for your lamps …" : "No lamps are found yet.";
       write(emptyState, lamps.length ? "" : nothing);
       for (const lamp of lamps) write(states.get(lamp.id)!, stateText(lamp.state));
-      const free = this.lights.filter(({ label }) => !lamps.some((lamp) => lamp.label === stripName(label)));
+      const offered = this.lights.filter(({ plugin }) => plugin !== "mqtt" || !isBroker(url));
+      const free = offered.filter(({ label }) => !lamps.some((lamp) => lamp.label === stripName(label)));
       enable(again, !this.isSearching);
       write(lookState, hasLooked ? lightsText(this.isSearching, free.length) : "");
       renew(nearby, JSON.stringify(free), () =>

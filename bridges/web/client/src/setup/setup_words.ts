@@ -20,6 +20,19 @@ const TITLES: Record<Exclude<Card, "">, string> = {
 /** Usual address of a Home Assistant. */
 export const USUAL_URL = "http://homeassistant.local:8123";
 
+/** Begin of the address of an MQTT broker. */
+export const BROKER = "mqtt://";
+
+/** Whether an address is that of an MQTT broker, on which lamps announce themselves. */
+export function isBroker(url: string): boolean {
+  return /^\s*(mqtts?|tcp|ssl|tls):\/\//i.test(url);
+}
+
+/** Address of the broker on which a search has found lamps, or which it has found. */
+export function brokerOf(address: string): string {
+  return address.includes("://") ? address : `${BROKER}${address}`;
+}
+
 /** Numbers of the cards, as people count them. */
 const STEPS = ["connect", "choose", "hand", "place", "try"] as const;
 

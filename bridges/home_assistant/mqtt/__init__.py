@@ -1,0 +1,1 @@
+"""Lights of a home without Home Assistant, which announce themselves on an MQTT broker."""

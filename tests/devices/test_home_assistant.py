@@ -496,7 +496,7 @@ def test_exposed_token_file_is_refused_unless_the_system_provides_it(
     ],
 )
 def test_address_of_the_websocket_is_below_the_path(url: str, address: str, tmp_path: Path) -> None:
-    assert config_of(tmp_path, 1, url=url).address == address
+    assert config_of(tmp_path, 1, url=url).websocket_url == address
 
 
 async def test_connection_leaves_no_task_if_its_end_is_cancelled(tmp_path: Path) -> None:

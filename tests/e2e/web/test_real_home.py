@@ -114,7 +114,7 @@ async def test_first_lamp_is_switched_within_four_minutes(
         await asyncio.sleep(PAUSE_S)
         await use(window, "I am there")
         hand.place_m = test_home.SECOND_M
-        await place(window, hand, list(ENTITIES))
+        await place(window, hand, test_home.in_standing_order())
         await hand.lower()
         await title(window, "Try it")
         await asyncio.sleep(PAUSE_S)

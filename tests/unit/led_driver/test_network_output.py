@@ -180,7 +180,7 @@ async def test_light_that_cannot_be_found_delays_no_other(monkeypatch: pytest.Mo
             other.show(frame(value))
             await until(functools.partial(last_is, device, value))
         answer.set()
-        await until(lambda: "name is not known" in told.warnings.get("network kitchen.local:4048", ""))
+        await until(lambda: "name cannot be resolved" in told.warnings.get("network kitchen.local:4048", ""))
 
 
 async def test_segments_that_do_not_fit_the_map_are_named() -> None:

@@ -18,7 +18,7 @@ from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.ros_users import RosUsers
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.routing.site import RosSite
 from pointit.bridges.ros2.trackers import tracker_routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.service.service import Context, Scope, Service
@@ -92,7 +92,7 @@ class Ros2(Service[Ros2Config]):
             stack.push_async_callback(backend.close)
 
             # Routes in ROS. The stack closes the newest part first, so before those that it uses
-            site = Site(bus=self.bus, clock=self.clock, backend=backend, state=self._state)
+            site = RosSite(bus=self.bus, clock=self.clock, backend=backend, state=self._state)
             outbox = Outbox(self._table.outward, site)
             stack.callback(outbox.close)
             inbox = Inbox(self._table.inward, self._table.served, site)

@@ -55,7 +55,7 @@ RATE_HZ = 25.0
 """Rate of objects on our bus."""
 
 
-class Tracker:
+class RosTracker:
     """Objects of one topic, or of one frame of tf."""
 
     def __init__(self, name: str, config: TrackerConfig, buffer: TransformBuffer) -> None:
@@ -178,7 +178,7 @@ class Tracker:
 class TfInput:
     """/tf and /tf_static, for the frames of all trackers, and the trackers that are frames."""
 
-    def __init__(self, buffer: TransformBuffer, trackers: Mapping[str, Tracker]) -> None:
+    def __init__(self, buffer: TransformBuffer, trackers: Mapping[str, RosTracker]) -> None:
         self._buffer = buffer
         self._trackers = trackers
 
@@ -323,10 +323,10 @@ def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, 
     if not configs:
         return ()
     buffer = TransformBuffer()
-    of_tf: dict[str, Tracker] = {}
+    of_tf: dict[str, RosTracker] = {}
     topics: list[InboundRoute] = []
     for name, config in configs.items():
-        tracker = Tracker(name, config, buffer)
+        tracker = RosTracker(name, config, buffer)
         if config.type == TF:
             of_tf[name] = tracker
             continue

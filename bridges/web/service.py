@@ -16,7 +16,7 @@ from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.model.history import EventHistory
 from pointit.bridges.web.model.home_site import HomeSite
 from pointit.bridges.web.model.map_editor import MapEditor
-from pointit.bridges.web.model.people import People, WristMotion
+from pointit.bridges.web.model.people import PagePeople, WristMotion
 from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.pages.action import ActionContext
@@ -35,7 +35,7 @@ from pointit.bridges.web.server.app import PAST, Downloads, application
 from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import announced_link
-from pointit.bridges.web.server.listener import Listener, open_port, url
+from pointit.bridges.web.server.listener import HttpListener, open_port, url
 from pointit.bridges.web.server.metrics_server import metrics_route
 from pointit.bridges.web.site_metrics import SiteMetrics
 from pointit.bridges.web.wire import (
@@ -130,7 +130,7 @@ class Web(Service[WebConfig]):
         # People, and the wrists that pages move
         self._wrists = WristControl(config)
         self._pairing = Pairing()
-        self._people = People(self.bus, self.clock)
+        self._people = PagePeople(self.bus, self.clock)
         self._motion = WristMotion(
             wrists=self._wrists, people=self._people, clock=self.clock, ended=self._update_status
         )
@@ -218,7 +218,7 @@ class Web(Service[WebConfig]):
             self.bus.subscribe(topic, functools.partial(self._on_message, topic))
         follow_site(self._model.state, self.bus, self._now_s, ())
         listening_socket = open_port(config.host, config.port, "--port")
-        self._listener = Listener(app, listening_socket)
+        self._listener = HttpListener(app, listening_socket)
 
     async def run(self) -> None:
         """Serve until cancelled, then close every connection."""

@@ -242,7 +242,7 @@ class Cue(WireModel):
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 
-class Lane(WireModel):
+class TimelineLane(WireModel):
     """One row of a timeline."""
 
     kind: LaneKind
@@ -262,7 +262,7 @@ class Timeline(WireModel):
     length_s: Annotated[float, Field(ge=0)]
     read_s: Annotated[float, Field(ge=0, description="lanes are complete, and seeks possible, until then")]
     problem: Annotated[str, Field(description="problem of the file, or empty")] = ""
-    lanes: tuple[Lane, ...]
+    lanes: tuple[TimelineLane, ...]
 
 
 class Playing(WireModel):

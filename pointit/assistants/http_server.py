@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from pointit.assistants.tools import SCOPE_KEY, Role
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import REFUSAL_S, request_info
-from pointit.bridges.web.server.listener import Listener, open_port, url
+from pointit.bridges.web.server.listener import HttpListener, open_port, url
 from pointit.errors import ConfigError
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.config.validation_message import describe_validation_error
@@ -173,7 +173,7 @@ class HttpServer:
         self.app = TokenMiddleware(apps, access, follow_tokens)
         """ASGI application, which works while `run` does."""
         listening_socket = open_port(host, port, "--listen")
-        self._listener = Listener(self.app, listening_socket)
+        self._listener = HttpListener(self.app, listening_socket)
         server_url = url("http", host, self._listener.port)
         self.url = f"{server_url}{PATH}"
         """Address for clients."""

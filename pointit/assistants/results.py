@@ -50,7 +50,7 @@ class _Result(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-class Person(_Result):
+class PresentPerson(_Result):
     """One person who is present."""
 
     name: str
@@ -60,10 +60,10 @@ class Person(_Result):
     steers: Annotated[str, Field(description="the robot that obeys them, or empty")] = ""
 
 
-class People(_Result):
+class PresentPeople(_Result):
     """All people who are present."""
 
-    people: tuple[Person, ...]
+    people: tuple[PresentPerson, ...]
 
 
 class Item(_Result):
@@ -148,10 +148,10 @@ async def check_present(site: Site, user: str) -> None:
         raise PointItError(f"{user!r} is not there; present: {shown}")
 
 
-async def people(site: Site) -> People:
+async def people(site: Site) -> PresentPeople:
     """Return all people who are present."""
     robots = {state.user: robot for robot, state in site.latest.robot.items() if state.user}
-    people: list[Person] = []
+    people: list[PresentPerson] = []
     for name in sorted(await present(site)):
         pose = site.latest.pose.get(name)
         interaction = site.latest.interaction.get(name)
@@ -161,7 +161,7 @@ async def people(site: Site) -> People:
             state = interaction.state
             is_unsure = interaction.is_unsure
         people.append(
-            Person(
+            PresentPerson(
                 name=name,
                 state=state,
                 position_m=None if pose is None else pose.position_m,
@@ -169,7 +169,7 @@ async def people(site: Site) -> People:
                 steers=robots.get(name, ""),
             )
         )
-    return People(people=tuple(people))
+    return PresentPeople(people=tuple(people))
 
 
 async def items(site: Site) -> Items:

@@ -7,7 +7,7 @@ from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.types import ToolAnnotations
 from pydantic import BaseModel, ValidationError
 
-from pointit.assistants.results import MAX_SENTENCE, Items, People, items, people, plain, refusal
+from pointit.assistants.results import MAX_SENTENCE, Items, PresentPeople, items, people, plain, refusal
 from pointit.assistants.tools import Tools
 from pointit.errors import PointItError
 from pointit.runtime.host.extras import pointit_version
@@ -35,7 +35,7 @@ class LiveState(BaseModel):
     """People and robots now."""
 
     site: str
-    people: People
+    people: PresentPeople
     robots: dict[str, str]
 
 

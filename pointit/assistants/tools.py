@@ -22,9 +22,9 @@ from pointit.assistants.results import (
     ActionResult,
     AnswerByLight,
     Items,
-    People,
     PossibleReferent,
     PossibleReferents,
+    PresentPeople,
     Waited,
     check_present,
     current,
@@ -239,7 +239,7 @@ class Tools:
         role: Role = self._unknown if request is None else request.scope[SCOPE_KEY]
         return role if self._max_role == "operator" else "viewer"
 
-    async def who_is_here(self, site: Site) -> People:
+    async def who_is_here(self, site: Site) -> PresentPeople:
         """List the people who are present, where they stand, and whether they point."""
         return await people(site)
 

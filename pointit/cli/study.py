@@ -26,7 +26,7 @@ from pointit.commands import (
     show,
 )
 from pointit.runtime.host.extras import has_extra
-from pointit.study.check import Finding, check_folder
+from pointit.study.check import StudyFinding, check_folder
 from pointit.study.lsl import check_lsl
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
@@ -58,7 +58,7 @@ def check(*, path: Path, as_json: bool) -> int:
 
     Example: pointit study check three_methods-data
     """
-    findings: list[Finding] = []
+    findings: list[StudyFinding] = []
     if path.is_file():
         study = read_study(path)
         check_ready(study)

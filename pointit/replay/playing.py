@@ -149,7 +149,7 @@ class Skipped:
         )
 
 
-class ReplaySource(Protocol):
+class ReplayRecording(Protocol):
     """A recording that can be read several times, such as `pointit.recording.reader.Recording`."""
 
     @property
@@ -196,7 +196,7 @@ class Buses:
 class ReplayPlan:
     """A recording and the part of it that is recomputed."""
 
-    source: ReplaySource
+    source: ReplayRecording
     beginning: Beginning
     split: Split
     live: bool = False
@@ -205,7 +205,7 @@ class ReplayPlan:
     """True if led-driver drives the strips of its recorded parameters."""
 
 
-def plan_replay(source: ReplaySource, level: Level) -> ReplayPlan:
+def plan_replay(source: ReplayRecording, level: Level) -> ReplayPlan:
     """Return the plan of a replay of `source`.
 
     Raises:
@@ -427,7 +427,7 @@ class _Player:
         self._listener.replayed(entry, is_recomputed=is_compared)
 
 
-def recorded_outputs(source: ReplaySource) -> list[str]:
+def recorded_outputs(source: ReplayRecording) -> list[str]:
     """Return the outputs that led-driver has in `source`, now or later, each as JSON."""
     outputs_as_json: dict[str, None] = {}
     for entry in source.entries(lambda key: key == CONFIGURATION.at("led-driver")):

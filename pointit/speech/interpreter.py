@@ -31,7 +31,7 @@ from pointit.schemas.topics import (
     SPEECH,
     UNDERSTOOD,
 )
-from pointit.services.listener.referents import REACTION_S, Decision, decide
+from pointit.services.listener.referents import REACTION_S, WordDecision, decide
 from pointit.site.following import follow_site
 from pointit.site.site_state import Change, SiteState
 from pointit.speech.grammar import PLACES, Answer, Command, Mention, SpokenRoom, Vocabulary, answer, parse
@@ -329,10 +329,10 @@ class Interpreter:
         if last_ns and wait_s > 0.0:
             await asyncio.sleep(min(wait_s, 2.0 * SETTLE_S) / self._clock.speed)
 
-    async def _decide(self, command: Command, mention: Mention) -> Decision:
+    async def _decide(self, command: Command, mention: Mention) -> WordDecision:
         """Return the referent of a mention, or those to ask about."""
         if mention.name:
-            return Decision("act", (self._room.named(mention.name),))
+            return WordDecision("act", (self._room.named(mention.name),))
         # The listener keeps the person's rays: it says what they pointed at during the deictic word.
         reply = await self._find_referents(command, mention)
         is_place = mention is command.to and mention.word in PLACES
@@ -367,7 +367,7 @@ class Interpreter:
             remedy = f"run `pointit service run listener --user {self._user}`"
             raise NotUnderstood(f"nobody keeps where {self._user} points: {remedy}") from error
 
-    def _possible(self, command: Command, decisions: Sequence[Decision], index: int) -> Decision:
+    def _possible(self, command: Command, decisions: Sequence[WordDecision], index: int) -> WordDecision:
         """Return a decision without the candidates about which asking leads to a refusal.
 
         Raises:
@@ -389,10 +389,10 @@ class Interpreter:
                 possible.append(candidate)
         if not possible:
             raise NotUnderstood(problems[0])
-        return Decision("ask", possible)
+        return WordDecision("ask", possible)
 
     async def _resolve(
-        self, speech: Speech, command: Command, decision: Decision, resolved: Sequence[Referent]
+        self, speech: Speech, command: Command, decision: WordDecision, resolved: Sequence[Referent]
     ) -> Sequence[Referent]:
         """Return the referents of a decision. The person is asked if it is not clear which one they meant.
 

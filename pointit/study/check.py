@@ -25,7 +25,7 @@ from pointit.study.study_folder import (
 from pointit.study.table_file import Row, counts, done_trials
 
 
-class Finding(NamedTuple):
+class StudyFinding(NamedTuple):
     """Something that is missing or wrong."""
 
     severity: Literal["error", "note"]
@@ -34,7 +34,7 @@ class Finding(NamedTuple):
     text: str
 
 
-def check_folder(folder: Path) -> list[Finding]:
+def check_folder(folder: Path) -> list[StudyFinding]:
     """Return the findings on the data of a study, errors first.
 
     Raises: ConfigError: If the folder holds no study, or its copy of the file is damaged.
@@ -44,38 +44,38 @@ def check_folder(folder: Path) -> list[Finding]:
     begun: dict[str, list[Row]] = {}
     for path in sorted(path for path in folder.iterdir() if path.is_dir()):
         findings += _of_folder(study, path, begun)
-    findings += [Finding("error", "", text) for text in _twice(begun, folder)]
+    findings += [StudyFinding("error", "", text) for text in _twice(begun, folder)]
 
     # All participants together: a damaged one is not missing.
     damaged = {finding.participant for finding in findings}
     missing = [name for name in study.people if name not in begun.keys() | damaged]
     if missing:
-        findings.append(Finding("note", "", f"not begun: {', '.join(missing)}"))
+        findings.append(StudyFinding("note", "", f"not begun: {', '.join(missing)}"))
     orders = [plan_of(study, name).order for name in study.people if name not in missing]
     problem = imbalance(orders, study.order)
     if problem and missing:
-        findings.append(Finding("note", "", f"orders are not balanced so far: {problem}"))
+        findings.append(StudyFinding("note", "", f"orders are not balanced so far: {problem}"))
     elif problem:
-        findings.append(Finding("error", "", f"orders are not balanced: {problem}"))
+        findings.append(StudyFinding("error", "", f"orders are not balanced: {problem}"))
     return sorted(findings, key=lambda finding: finding.severity != "error")
 
 
-def _of_study(study: Study) -> list[Finding]:
+def _of_study(study: Study) -> list[StudyFinding]:
     """Return the findings on the study's file."""
     checks: list[Callable[[Study], None]] = [check_names]
     if study.scenario in SHIPPED:  # another one may be elsewhere
         checks.append(check_services)
     checks.append(check_sequences)
-    findings: list[Finding] = []
+    findings: list[StudyFinding] = []
     for check in checks:
         try:
             check(study)
         except ConfigError as error:
-            findings.append(Finding("error", "", str(error)))
+            findings.append(StudyFinding("error", "", str(error)))
     return findings
 
 
-def _of_folder(study: Study, path: Path, begun: dict[str, list[Row]]) -> Iterator[Finding]:
+def _of_folder(study: Study, path: Path, begun: dict[str, list[Row]]) -> Iterator[StudyFinding]:
     """Yield the findings on the folder of one participant, and put their rows into `begun`.
 
     What is damaged is reported, and not looked at further.
@@ -92,17 +92,19 @@ def _of_folder(study: Study, path: Path, begun: dict[str, list[Row]]) -> Iterato
             read_answers(study, path, notes.append)
         check_record(path, about, begun[name])
     except ConfigError as error:
-        yield Finding("error", name, str(error))
+        yield StudyFinding("error", name, str(error))
         return
     for note in notes:
-        yield Finding("note", name, note)
+        yield StudyFinding("note", name, note)
     if name in study.people:
         yield from _of_participant(study, name, about, begun[name])
     else:
-        yield Finding("error", name, "does not take part in the study; remove the folder")
+        yield StudyFinding("error", name, "does not take part in the study; remove the folder")
 
 
-def _of_participant(study: Study, name: str, about: Mapping[str, Any], rows: list[Row]) -> Iterator[Finding]:
+def _of_participant(
+    study: Study, name: str, about: Mapping[str, Any], rows: list[Row]
+) -> Iterator[StudyFinding]:
     """Yield the findings on one participant's data."""
     plan = plan_of(study, name)
     missing = sorted({trial.number for trial in plan.trials} - done_trials(rows))
@@ -110,26 +112,28 @@ def _of_participant(study: Study, name: str, about: Mapping[str, Any], rows: lis
         numbers = first_of(map(str, missing), 5)
         text = f"{len(missing)} of {len(plan.trials)} trials are missing: {numbers}"
         if about.get("ended"):
-            yield Finding("error", name, text)
+            yield StudyFinding("error", name, text)
         else:
-            yield Finding("note", name, f"{text}; the same command goes on")
+            yield StudyFinding("note", name, f"{text}; the same command goes on")
 
     # The record of the sessions, as far as it is there.
     if about.get("order", list(plan.order)) != list(plan.order):
-        yield Finding("error", name, f"had the order {about['order']}, the plan has {list(plan.order)}")
+        yield StudyFinding("error", name, f"had the order {about['order']}, the plan has {list(plan.order)}")
     pseudonym = str(about.get("pseudonym", name))
     if pseudonym != name:
-        yield Finding("error", name, f"{name} has the participant.yaml of {pseudonym}")
+        yield StudyFinding("error", name, f"{name} has the participant.yaml of {pseudonym}")
 
     # The rows.
     for text in row_errors(plan, rows):
-        yield Finding("error", name, text)
+        yield StudyFinding("error", name, text)
     numbers_in_order = [int(row["trial"]) for row in rows]
     if numbers_in_order != sorted(numbers_in_order):
-        yield Finding("note", name, "trials are not in the order of their plan: they were sorted otherwise")
+        yield StudyFinding(
+            "note", name, "trials are not in the order of their plan: they were sorted otherwise"
+        )
     skipped = [row["trial"] for row in rows if _is_skipped(row)]
     if skipped:
-        yield Finding("note", name, f"skipped: trial {', '.join(skipped)}")
+        yield StudyFinding("note", name, f"skipped: trial {', '.join(skipped)}")
     if not about.get("simulated"):  # of earlier versions, virtual time began again after a crash
         yield from _clocks(name, rows, float(about.get("clock_apart_s", 0.0)))
 
@@ -138,16 +142,16 @@ def _is_skipped(row: Row) -> bool:
     return row["outcome"] == "skipped" and counts(row)
 
 
-def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[Finding]:
+def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[StudyFinding]:
     """Yield errors of clocks: `apart_s` is the largest difference between those of wrist and site."""
     if apart_s > CLOCK_APART_S:
-        yield Finding("error", name, f"the wrist's clock is {apart_s:g} s apart from the site's")
+        yield StudyFinding("error", name, f"the wrist's clock is {apart_s:g} s apart from the site's")
     for previous, row in itertools.pairwise(filter(_began, rows)):
         min_s = float(previous["selection_s"] or 0.0)
         passed_s = (_time(row) - _time(previous)).total_seconds()
         if passed_s < min_s:
             trials = f"trial {row['trial']} begins before trial {previous['trial']} ends"
-            yield Finding("error", name, f"{trials}: a clock was set back")
+            yield StudyFinding("error", name, f"{trials}: a clock was set back")
 
 
 def _twice(begun: dict[str, list[Row]], folder: Path) -> Iterator[str]:

@@ -101,7 +101,7 @@ CLOCK_MODEL = TimingModel(lag_sigma_s=0.8, held=0.0)
 """Times of gestures about words of an unknown clock."""
 
 
-class Decision(NamedTuple):
+class WordDecision(NamedTuple):
     """Next step for a word: act, ask which one is meant, or refuse."""
 
     do: Literal["act", "ask", "refuse"]
@@ -118,7 +118,7 @@ def decide(
     names: Collection[str] | None = None,
     *,
     several: bool = False,
-) -> Decision:
+) -> WordDecision:
     """Return the next step for a word with these referents.
 
     Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are
@@ -129,12 +129,12 @@ def decide(
     fitting = [candidate for candidate in found.candidates if _fits(candidate, kinds, names)]
     if several:
         certain = [candidate for candidate in fitting if candidate.probability >= EACH]
-        return Decision("act" if certain else "refuse", certain)
+        return WordDecision("act" if certain else "refuse", certain)
 
     # Their probabilities among themselves and none
     total = found.none + sum(candidate.probability for candidate in fitting)
     if not fitting or total <= 0.0:
-        return Decision("refuse", ())
+        return WordDecision("refuse", ())
     chances = [min(candidate.probability / total, 1.0) for candidate in fitting]
     rescaled: list[Referent] = []
     for candidate, chance in zip(fitting, chances, strict=True):
@@ -142,15 +142,15 @@ def decide(
 
     # Act if one is sure, ask about one or two, or refuse
     if chances[0] >= SURE:
-        return Decision("act", rescaled[:1])
+        return WordDecision("act", rescaled[:1])
     two_together = sum(chances[:2])
     if chances[0] < ASKED or two_together < EITHER:
-        return Decision("refuse", ())
+        return WordDecision("refuse", ())
     count = 1
     min_second = (1.0 - SURE) / 2.0
     if len(chances) > 1 and chances[1] >= min_second:
         count = 2
-    return Decision("ask", rescaled[:count])
+    return WordDecision("ask", rescaled[:count])
 
 
 def _fits(candidate: Referent, kinds: Sequence[str], names: Collection[str] | None) -> bool:

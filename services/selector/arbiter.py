@@ -18,11 +18,11 @@ from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
 from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.object_positions import OWN, Departures
-from pointit.services.selector.ownership import Change, Ownership
+from pointit.services.selector.ownership import ObjectChange, Ownership
 from pointit.services.selector.selection_publisher import (
     ACTIONS,
     CHANGES,
-    Output,
+    OutgoingMessage,
     Owned,
     Record,
     SelectionPublisher,
@@ -198,18 +198,18 @@ class Arbiter:
                 objects.append(selected)
         return self._publisher.selection(now_ns, tuple(objects), self._reservations.objects(), dwell_s)
 
-    def changed_selection(self, now_ns: int) -> list[Output]:
+    def changed_selection(self, now_ns: int) -> list[OutgoingMessage]:
         """Return the selection if it has changed since it was returned last."""
         if not self._has_changed:
             return []
-        return [Output("", self.selection(now_ns))]
+        return [OutgoingMessage("", self.selection(now_ns))]
 
     def on_activity(self, user: str, now_ns: int) -> None:
         """Note that `user` is active, and free expired reservations."""
         self._ownership.presences.on_activity(user, now_ns)
         self._has_changed |= self._reservations.expire(now_ns)
 
-    def claim(self, user: str, claim: Claim, now_ns: int, refused: str = "") -> list[Output]:
+    def claim(self, user: str, claim: Claim, now_ns: int, refused: str = "") -> list[OutgoingMessage]:
         """Decide on a claim: select or deselect, or refuse it.
 
         Args:
@@ -278,7 +278,7 @@ class Arbiter:
             return False
         return 2 * abs(claim.stamp_ns - stamp_ns) < self._dwell_s * NS_PER_S
 
-    def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[Output]:
+    def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[OutgoingMessage]:
         """Decide on a claim of a shard, which may come late and know less.
 
         While no objects are known, just after a start, none is decided: the shard sends it again. So it does
@@ -345,7 +345,7 @@ class Arbiter:
             return f"{kind} was {status} in the meantime: point again to change that"
         return ""
 
-    def on_conveyor(self, state: ConveyorState) -> list[Output]:
+    def on_conveyor(self, state: ConveyorState) -> list[OutgoingMessage]:
         """Close the entries of objects that have left the conveyor, with time and bay of departure."""
         records: list[Record] = []
         for departure in state.departures:
@@ -354,12 +354,12 @@ class Arbiter:
                 records += self._ledger.drop((departure.object_id,), departure.stamp_ns, reason)
         return self._close_entries(records, state.stamp_ns)
 
-    def on_result(self, carrier: str, result: ActResult, now_ns: int) -> list[Output]:
+    def on_result(self, carrier: str, result: ActResult, now_ns: int) -> list[OutgoingMessage]:
         """Note the result of an act by a carrier."""
         act = self._acts.on_result(carrier, result)
         return [] if act is None else self._conclude(act, now_ns)
 
-    def on_states(self, carrier: str, states: ThingStates, now_ns: int) -> list[Output]:
+    def on_states(self, carrier: str, states: ThingStates, now_ns: int) -> list[OutgoingMessage]:
         """Note the states that a carrier reports, and give its switches these.
 
         They have the last results, too, which it may have reported while no selector ran.
@@ -373,19 +373,19 @@ class Arbiter:
                 act = self._acts.settle(carrier, state.last)
                 if act is not None:
                     ended_acts.append(act)
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for act in ended_acts:
             outputs += self._conclude(act, now_ns)
         return outputs + self._follow_targets(now_ns, known_things)
 
-    def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:
+    def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[OutgoingMessage]:
         """Note that a carrier runs, or has ended."""
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for act in self._acts.on_presence(carrier, present=present):
             outputs += self._conclude(act, now_ns)
         return outputs + self._follow_targets(now_ns)
 
-    def _conclude(self, act: PendingAct, now_ns: int, newer_user: str = "") -> list[Output]:
+    def _conclude(self, act: PendingAct, now_ns: int, newer_user: str = "") -> list[OutgoingMessage]:
         """Report the result of an act. A switch that failed goes back, unless a target has done it.
 
         `newer_user`: person who replaced it. They get the cue of the newer act only.
@@ -411,10 +411,10 @@ class Arbiter:
             outputs.append(self._publisher.cue(act.record.user, act.event, f"{name} {status}", now_ns))
 
         # The selection comes first, as in `_publish`. Other targets react last
-        selection = Output("", self.selection(now_ns))
+        selection = OutgoingMessage("", self.selection(now_ns))
         return [selection, *outputs, *self._follow_targets(now_ns, {object_id})]
 
-    def _take_back(self, act: PendingAct, now_ns: int) -> list[Output]:
+    def _take_back(self, act: PendingAct, now_ns: int) -> list[OutgoingMessage]:
         """Give the object of a failed act its previous state. Return the event, if there is one."""
         object_id = act.record.object_id
         wanted_state = "on" if act.event == "selected" else "off"
@@ -430,15 +430,15 @@ class Arbiter:
         # targets that have done it, or may do it yet, go back, too
         return self._publisher.event(record, act.record.carriers)
 
-    def _failure_cue(self, act: PendingAct, now_ns: int) -> Output:
+    def _failure_cue(self, act: PendingAct, now_ns: int) -> OutgoingMessage:
         """Return the cue of an act that failed."""
         _code, reason = act.problem
         name = act.record.kind or act.record.object_id
         return self._publisher.cue(act.record.user, "refused", f"{name}: {reason}", now_ns)
 
-    def _follow_targets(self, now_ns: int, changed: Collection[str] = ()) -> list[Output]:
+    def _follow_targets(self, now_ns: int, changed: Collection[str] = ()) -> list[OutgoingMessage]:
         """Give switches the states that their targets report. Others react to those of `changed`."""
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for thing, carrier, is_on in self._acts.reported():
             tracked = self._positions.objects.get(thing)
             if tracked is None or tracked.mode != "switch":
@@ -450,7 +450,7 @@ class Arbiter:
             outputs += self._publish(carrier, [change], now_ns)
         return outputs
 
-    def depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
+    def depart(self, now_ns: int, clock: str = OWN) -> list[OutgoingMessage]:
         """Close the entries of objects that are missing for too long on `clock`."""
         entries = self._ledger.entries
         if not entries:
@@ -459,7 +459,7 @@ class Arbiter:
         records = self._ledger.drop(left_ids, now_ns)
         return self._close_entries(records, now_ns)
 
-    def tick(self, now_ns: int) -> list[Output]:
+    def tick(self, now_ns: int) -> list[OutgoingMessage]:
         """Handle departed objects, expired reservations, and buttons that were shown for long enough."""
         self._has_changed |= self._reservations.expire(now_ns)
         outputs = self._end_shown_buttons(now_ns)
@@ -469,7 +469,7 @@ class Arbiter:
         outputs += self._follow_targets(now_ns)
         return outputs + (self.depart(now_ns) or self.changed_selection(now_ns))
 
-    def _end_shown_buttons(self, now_ns: int) -> list[Output]:
+    def _end_shown_buttons(self, now_ns: int) -> list[OutgoingMessage]:
         """Deselect the buttons that were shown for `SHOWN_NS`. Return the events."""
         new_shown_ns: dict[tuple[str, int], int] = {}
         for object_id, entry in self._ledger.entries.items():
@@ -478,13 +478,13 @@ class Arbiter:
                 earliest_ns = max(entry.since_ns, now_ns - MAX_PRESS_DELAY_NS)
                 new_shown_ns[key] = self._shown_ns.get(key, earliest_ns)
         self._shown_ns = new_shown_ns
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for (object_id, _since_ns), shown_ns in new_shown_ns.items():
             if now_ns - shown_ns >= SHOWN_NS:
                 outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
         return outputs
 
-    def undo(self, user: str, now_ns: int) -> list[Output]:
+    def undo(self, user: str, now_ns: int) -> list[OutgoingMessage]:
         """Undo `user`'s last step. Refused with a cue if there is none."""
         changes = self._ledger.undo(user, now_ns, self._positions.objects)
         if changes:
@@ -495,11 +495,11 @@ class Arbiter:
             text = f"{user} is not there, but {', '.join(present_users)}: {text}"
         return [self._publisher.cue(user, "refused", text, now_ns)]
 
-    def clear(self, user: str, now_ns: int) -> list[Output]:
+    def clear(self, user: str, now_ns: int) -> list[OutgoingMessage]:
         """Deselect all objects of `user`."""
         return self._publish(user, self._ledger.clear(user, now_ns), now_ns)
 
-    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[Output]:
+    def release(self, user: str, object_id: str, take_over: bool, now_ns: int) -> list[OutgoingMessage]:
         """Deselect `object_id`, regardless of its owner, or take it over.
 
         `user` is the caller: an operator, or the person for whom an operator takes it.
@@ -517,7 +517,7 @@ class Arbiter:
             outputs.append(self._publisher.cue(entry.user, "deselected", text, now_ns))
         return outputs
 
-    def set_thing(self, user: str, query: SetThing, now_ns: int) -> list[Output]:
+    def set_thing(self, user: str, query: SetThing, now_ns: int) -> list[OutgoingMessage]:
         """Fire a button or switch a switch, as `user`. Returns nothing if its state is that already."""
         thing = query.thing
         tracked = self._positions.objects.get(thing)
@@ -550,7 +550,7 @@ class Arbiter:
         )
         return self._publish(user, [change], now_ns)
 
-    def _close_entries(self, records: Sequence[Record], now_ns: int) -> list[Output]:
+    def _close_entries(self, records: Sequence[Record], now_ns: int) -> list[OutgoingMessage]:
         """Free and journal objects that have left. Return the selection if there are any."""
         for record in records:
             self._reservations.free(record.object_id)
@@ -558,12 +558,12 @@ class Arbiter:
             self._publisher.write(record)
         if not records:
             return []
-        return [Output("", self.selection(now_ns))]
+        return [OutgoingMessage("", self.selection(now_ns))]
 
-    def _publish(self, user: str, changes: Sequence[Change], now_ns: int) -> list[Output]:
+    def _publish(self, user: str, changes: Sequence[ObjectChange], now_ns: int) -> list[OutgoingMessage]:
         """Begin the acts of `changes`. Return the selection, earlier results, events and cues of `user`."""
         # An act that carriers have to carry out ends the earlier ones on its object
-        earlier_outputs: list[Output] = []
+        earlier_outputs: list[OutgoingMessage] = []
         events: list[Record] = []
         for change in changes:
             if not change.is_switched:  # refused, or taken over: nothing is to be carried out
@@ -576,10 +576,10 @@ class Arbiter:
                 events.append(self._acts.begin(record, mode))
 
         # Messages: the selection, then what has led to it
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         is_refused = all(change.is_refused for change in changes)
         if not is_refused:
-            outputs.append(Output("", self.selection(now_ns)))
+            outputs.append(OutgoingMessage("", self.selection(now_ns)))
         outputs += earlier_outputs
         for record in events:
             outputs += self._publisher.event(record)

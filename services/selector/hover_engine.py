@@ -24,7 +24,7 @@ from pointit.services.selector.methods.pointer import MakeMethod, PersonPointer,
 from pointit.services.selector.ownership import Ownership
 from pointit.services.selector.seen_objects import SPARSE_RAD, SeenObjects, View
 from pointit.services.selector.selection_methods import NameAnnouncer
-from pointit.services.selector.selection_publisher import CHANGES, Action, Output, make_cue
+from pointit.services.selector.selection_publisher import CHANGES, Action, OutgoingMessage, make_cue
 
 EMPTY_PERIOD_NS = NS_PER_S // 5
 """Time between hovers without an object, ns. The first one after an object comes at once."""
@@ -152,12 +152,12 @@ class HoverEngine:
             completed.append(tracked.model_copy(update=fields))
         return objects.model_copy(update={"objects": tuple(completed)})
 
-    def forget_ended(self, now_ns: int) -> list[Output]:
+    def forget_ended(self, now_ns: int) -> list[OutgoingMessage]:
         """Forget the objects of trackers and carriers that have ended. End the names of people likewise."""
         for tracker in self._positions.forget(now_ns):
             self._scene.forget(tracker)
         self._ownership.acts.forget_absent(now_ns)
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for user, pointer in self._people.items():
             announcer = pointer.announcer
             if announcer is not None and announcer.is_silent(now_ns):
@@ -171,7 +171,7 @@ class HoverEngine:
             pointer = self._people[user] = PersonPointer(self._config, user, self._make)
         return pointer.is_timely(stamp_ns)
 
-    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+    def on_cursor(self, user: str, cursor: Cursor) -> list[OutgoingMessage]:
         """Process a timely cursor of `user`. Return their hover, claims, and cues without a number.
 
         While they hover nothing, a hover is returned every `EMPTY_PERIOD_NS` only.
@@ -204,19 +204,19 @@ class HoverEngine:
         if object_id is not None:
             action, taken_by = self._effect_of_staying(user, pointer, object_id, pointed.progress, now_ns)
         hover = self._hover(user, cursor, view, pointed, (action, taken_by))
-        outputs = [] if hover is None else [Output(user, hover)]
+        outputs = [] if hover is None else [OutgoingMessage(user, hover)]
         if pointer.announcer is not None:
             outputs += self._announce(user, pointer.announcer, object_id or "", now_ns)
 
         # Reserve it once others can see that it is about to change
         is_about_to_change = is_shown and action in CHANGES
         if object_id is not None and is_about_to_change and not self._is_reserved(user, object_id, now_ns):
-            outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=object_id, wish="reserve")))
+            outputs.append(OutgoingMessage(user, Claim(stamp_ns=now_ns, object_id=object_id, wish="reserve")))
         if rival is not None:
             names = f"{self._name(object_id)} or {self._name(rival)}"
             unclear = f"{names}? From here both may be meant: step closer, or point beside the other one"
             cue = make_cue("refused", unclear, now_ns, 0)
-            outputs.append(Output(user, cue))
+            outputs.append(OutgoingMessage(user, cue))
 
         # Claim the object on which the person stayed long enough
         if fired is not None:
@@ -225,7 +225,7 @@ class HoverEngine:
             outputs += self._toggle(user, fired, now_ns, "dwell", confidence)
         return outputs
 
-    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+    def on_button(self, user: str, button: ButtonEvent) -> list[OutgoingMessage]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
         pointer = self._people.get(user)
         if pointer is None or button.gesture != "press":
@@ -233,7 +233,7 @@ class HoverEngine:
         object_id = pointer.press(button.stamp_ns)
         is_confirmed_by_press = pointer.is_confirmed_by_press
         if object_id == "" and is_confirmed_by_press:
-            return [Output(user, make_cue("refused", "wait for the name", button.stamp_ns, 0))]
+            return [OutgoingMessage(user, make_cue("refused", "wait for the name", button.stamp_ns, 0))]
         if not object_id:
             return []
         if not is_confirmed_by_press and not self._positions.is_pressed(object_id):
@@ -241,7 +241,7 @@ class HoverEngine:
         pointer.latch(object_id)
         return self._toggle(user, object_id, button.stamp_ns, "button")
 
-    def on_step(self, user: str, step: Step) -> list[Output]:
+    def on_step(self, user: str, step: Step) -> list[OutgoingMessage]:
         """Move `user` from the announced object to the one beside it, or to the nearest one."""
         pointer = self._people.get(user)
         if pointer is None or pointer.announcer is None:
@@ -250,11 +250,13 @@ class HoverEngine:
         object_id, now_ns = announcer.step(self._positions.objects.values(), step)
         return self._announce(user, announcer, object_id, now_ns) if object_id else []
 
-    def _announce(self, user: str, announcer: NameAnnouncer, object_id: str, now_ns: int) -> list[Output]:
+    def _announce(
+        self, user: str, announcer: NameAnnouncer, object_id: str, now_ns: int
+    ) -> list[OutgoingMessage]:
         """Return the message about the name of the hovered object, or `""`, if one is due."""
         label = self._name(object_id) if object_id else ""
         announced = announcer.announce(object_id, label, now_ns)
-        return [] if announced is None else [Output(user, announced)]
+        return [] if announced is None else [OutgoingMessage(user, announced)]
 
     def forget(self, user: str) -> None:
         """Forget the pointing of `user`, for whom another selector points from now on."""
@@ -279,7 +281,7 @@ class HoverEngine:
         now_ns: int,
         cause: Literal["dwell", "button"],
         confidence: float | None = None,
-    ) -> list[Output]:
+    ) -> list[OutgoingMessage]:
         """Return the claim to toggle an object. None if it has left, or it has no effect."""
         action, _taken_by = self._ownership.action(user, object_id, now_ns)
         if object_id not in self._positions.objects or not action:
@@ -292,7 +294,7 @@ class HoverEngine:
             cause=cause,
             confidence=confidence,
         )
-        return [Output(user, claim)]
+        return [OutgoingMessage(user, claim)]
 
     def _name(self, object_id: str | None) -> str:
         """Return the name of an object for people: its kind, or else its id."""
@@ -368,7 +370,7 @@ class PointingEngine:
         """Return the reason why the method fails for a person, or `""`."""
         return self._hovers.fault()
 
-    def on_step(self, user: str, step: Step) -> list[Output]:
+    def on_step(self, user: str, step: Step) -> list[OutgoingMessage]:
         """Move `user` from the announced object to the one beside it, or to the nearest one."""
         return self._hovers.on_step(user, step)
 
@@ -380,12 +382,12 @@ class PointingEngine:
         """Return the trackers that are silent, so that their objects cannot be hovered."""
         return self._ownership.positions.silent(now_ns)
 
-    def on_map(self, environment: Environment) -> list[Output]:
+    def on_map(self, environment: Environment) -> list[OutgoingMessage]:
         """Set the lines on which objects move."""
         self._hovers.on_map(environment)
         return []
 
-    def set_present(self, user: str, present: bool, now_ns: int) -> list[Output]:
+    def set_present(self, user: str, present: bool, now_ns: int) -> list[OutgoingMessage]:
         """Record the presence of `user`."""
         self._ownership.presences.set_present(user, now_ns, present=present)
         return []

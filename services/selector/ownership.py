@@ -27,7 +27,7 @@ class Why(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ObjectChange:
     """Change of one object by one action, or its refusal."""
 
     object_id: str
@@ -74,7 +74,7 @@ class Ledger:
         self._too_late = too_late
         self._undo_steps = undo_steps
         self._entries: dict[str, Owned] = {}
-        self._steps: dict[str, deque[list[Change]]] = {}
+        self._steps: dict[str, deque[list[ObjectChange]]] = {}
         self._released: dict[str, tuple[Owned, int]] = {}
         """Entries of the objects deselected last, with the time, ns."""
 
@@ -130,7 +130,7 @@ class Ledger:
         confidence: float | None = None,
         mode: ThingMode = "claim",
         reason: str = "",
-    ) -> Change:
+    ) -> ObjectChange:
         """Select or deselect `object_id` for `user`. What a button started cannot be undone.
 
         Refused if it belongs to another person who is present, unless anybody may change it in its `mode`.
@@ -164,7 +164,7 @@ class Ledger:
             self._remember(user, [change])
         return change
 
-    def follow(self, object_id: str, kind: str, user: str, now_ns: int, *, reason: str = "") -> Change:
+    def follow(self, object_id: str, kind: str, user: str, now_ns: int, *, reason: str = "") -> ObjectChange:
         """Select or deselect an object as its target has it, which nobody can undo."""
         after = None if object_id in self._entries else Owned(user, kind, now_ns)
         return self._change(object_id, after, user, now_ns, cause="", reason=reason)
@@ -174,10 +174,10 @@ class Ledger:
         owner = self._entries[object_id].user
         return self._deselect(object_id, owner, now_ns, cause="")
 
-    def clear(self, user: str, now_ns: int) -> list[Change]:
+    def clear(self, user: str, now_ns: int) -> list[ObjectChange]:
         """Deselect all objects of `user` as one step. Those for which it is too late are refused."""
-        changes: list[Change] = []
-        step: list[Change] = []
+        changes: list[ObjectChange] = []
+        step: list[ObjectChange] = []
         for object_id, entry in list(self._entries.items()):
             if entry.user != user:
                 continue
@@ -191,7 +191,9 @@ class Ledger:
         self._remember(user, step)
         return changes
 
-    def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> Change | None:
+    def release(
+        self, object_id: str, user: str, now_ns: int, *, take_over: bool = False
+    ) -> ObjectChange | None:
         """Deselect `object_id`, regardless of its owner, or with `take_over` make `user` its owner.
 
         Returns None if it is not selected, or `user` would take it over from themselves. Refused if it is
@@ -213,7 +215,7 @@ class Ledger:
         self._remember(user, [change])
         return change
 
-    def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Change]:
+    def undo(self, user: str, now_ns: int, present: Container[str]) -> list[ObjectChange]:
         """Undo the last step of `user`. Return no change if there is none.
 
         Objects that have left since, are decided, or belong to another person by now stay as they are. If
@@ -224,7 +226,7 @@ class Ledger:
         if not steps:
             return []
         step = steps.pop()
-        undone: list[Change] = []
+        undone: list[ObjectChange] = []
         for change in step:
             if not self._is_in_effect(change, present):
                 continue
@@ -259,21 +261,23 @@ class Ledger:
         owned = dataclasses.replace(released_entry, since_ns=now_ns)
         return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
 
-    def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> Change:
+    def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> ObjectChange:
         """Return the refusal of an action, and change nothing."""
         entry = self._entries.get(object_id)
         owned = entry or Owned("", kind, 0)
         record = _record("refused", object_id, owned, user, now_ns, **why)
-        return Change(object_id, before=entry, after=entry, records=(record,))
+        return ObjectChange(object_id, before=entry, after=entry, records=(record,))
 
-    def _is_in_effect(self, change: Change, present: Container[str]) -> bool:
+    def _is_in_effect(self, change: ObjectChange, present: Container[str]) -> bool:
         """Return True if nothing has changed the owner of its object since `change`."""
         entry = self._entries.get(change.object_id)
         if change.after is None:
             return entry is None and change.object_id in present
         return entry is not None and entry.user == change.after.user
 
-    def _refuse_undo(self, change: Change, user: str, now_ns: int, present: Container[str]) -> Change:
+    def _refuse_undo(
+        self, change: ObjectChange, user: str, now_ns: int, present: Container[str]
+    ) -> ObjectChange:
         """Return the refusal to undo a step, of which `change` is the first. It tells what has happened."""
         entry = self._entries.get(change.object_id)
         owned = change.before or change.after
@@ -291,7 +295,7 @@ class Ledger:
             reason = f"{kind} {status}; what was done with it cannot be taken back"
         return self.refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
 
-    def _remember(self, user: str, step: list[Change]) -> None:
+    def _remember(self, user: str, step: list[ObjectChange]) -> None:
         """Store a step for `undo`. Its changes are of different objects, so their order has no effect."""
         if not step:
             return
@@ -300,7 +304,7 @@ class Ledger:
 
     def _change(
         self, object_id: str, after: Owned | None, user: str, now_ns: int, **why: Unpack[Why]
-    ) -> Change:
+    ) -> ObjectChange:
         """Give `object_id` the owner `after`, or none. The caller has checked that this may be done."""
         before = self._entries.get(object_id)
         records: list[Record] = []
@@ -308,7 +312,7 @@ class Ledger:
             records.append(self._deselect(object_id, user, now_ns, **why))
         if after is not None:
             records.append(self._select(object_id, after, user, now_ns, **why))
-        return Change(object_id, before=before, after=after, records=tuple(records))
+        return ObjectChange(object_id, before=before, after=after, records=tuple(records))
 
     def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
         self._entries[object_id] = entry

@@ -34,11 +34,11 @@ from pointit.services.selector.journal import History, Journal, JournalContents
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
 from pointit.services.selector.selection_engine import NO_ARBITER, SelectionEngine, ShardEngine
 from pointit.services.selector.selection_methods import METHODS
-from pointit.services.selector.selection_publisher import Output, event_of
+from pointit.services.selector.selection_publisher import OutgoingMessage, event_of
 
 log = logging.getLogger(__name__)
 
-Put = Callable[[list[Output]], list[Output]]
+Put = Callable[[list[OutgoingMessage]], list[OutgoingMessage]]
 """Publishes outputs and returns them."""
 
 Use = Callable[[str | None, float | None], SelectorConfig]
@@ -96,7 +96,7 @@ class SiteRole:
         for record in contents.unpublished:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
-                self._put([Output("", event)])
+                self._put([OutgoingMessage("", event)])
         self._maintain_journal(now_ns)
 
         # Requests are answered from what was restored
@@ -114,7 +114,7 @@ class SiteRole:
         self._bus.subscribe(topics.CLAIM, self._on_claim)
         self._bus.subscribe(topics.ACT_RESULTS, self._on_result)
 
-    def commit(self, outputs: Sequence[Output]) -> None:
+    def commit(self, outputs: Sequence[OutgoingMessage]) -> None:
         """Write events and outcomes to the journal, before they are published."""
         for _user, message in outputs:
             if isinstance(message, ActOutcome) and message.result != "started":
@@ -240,7 +240,7 @@ class SiteRole:
         )
 
 
-def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:
+def _events(outputs: Sequence[OutgoingMessage]) -> list[SelectionEvent]:
     events: list[SelectionEvent] = []
     for output in outputs:
         if isinstance(output.message, SelectionEvent):
@@ -248,7 +248,7 @@ def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:
     return events
 
 
-def _done_message(outputs: Sequence[Output]) -> str:
+def _done_message(outputs: Sequence[OutgoingMessage]) -> str:
     """Return a message of what was done.
 
     Raises:
@@ -294,7 +294,7 @@ class ShardRole:
         self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
         self._bus.watch(topics.SERVICE_ALIVE, self._on_service)
 
-    def commit(self, outputs: Sequence[Output]) -> None:
+    def commit(self, outputs: Sequence[OutgoingMessage]) -> None:
         """Do nothing: the site's selector keeps the journal."""
 
     def publish(self, user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:

@@ -21,7 +21,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
 from pointit.services.selector.methods.pointer import MakeMethod, make_method
 from pointit.services.selector.ownership import Ownership
-from pointit.services.selector.selection_publisher import ACTIONS, Output, Record, make_cue
+from pointit.services.selector.selection_publisher import ACTIONS, OutgoingMessage, Record, make_cue
 
 REPEAT_NS = NS_PER_S
 """Claims without a decision are sent again after this, ns of the wall. The arbiter ignores old ones."""
@@ -66,17 +66,17 @@ class ShardEngine(PointingEngine):
         """Change the method or its times."""
         self._hovers.use(config)
 
-    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[OutgoingMessage]:
         """Update the objects of `tracker`."""
         self._hovers.on_objects(tracker, objects)
         return []
 
-    def on_states(self, carrier: str, states: ThingStates, _now_ns: int) -> list[Output]:
+    def on_states(self, carrier: str, states: ThingStates, _now_ns: int) -> list[OutgoingMessage]:
         """Note the states that a carrier reports: what is unavailable is shown as such."""
         self._ownership.acts.on_states(carrier, states)
         return []
 
-    def on_carrier(self, carrier: str, present: bool, _now_ns: int) -> list[Output]:
+    def on_carrier(self, carrier: str, present: bool, _now_ns: int) -> list[OutgoingMessage]:
         """Note that a carrier runs, or has ended."""
         self._ownership.acts.on_presence(carrier, present=present)
         return []
@@ -93,7 +93,7 @@ class ShardEngine(PointingEngine):
                 if claim is not None:
                     claim.is_decided = True
 
-    def on_event(self, event: SelectionEvent) -> list[Output]:
+    def on_event(self, event: SelectionEvent) -> list[OutgoingMessage]:
         """Close the claim that `event` decides. Latch what was changed in another way, or elsewhere."""
         is_own = self._open.pop((event.user, event.stamp_ns), None) is not None
         if event.cause in ACTIONS:
@@ -103,18 +103,18 @@ class ShardEngine(PointingEngine):
             self._hovers.latch(event.object_id)
         return []
 
-    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+    def on_cursor(self, user: str, cursor: Cursor) -> list[OutgoingMessage]:
         """Process a cursor of `user`."""
         if not self._hovers.is_timely(user, cursor.stamp_ns):
             return []
         self._ownership.presences.on_activity(user, cursor.stamp_ns)
         return self._number_outputs(self._hovers.on_cursor(user, cursor), cursor.stamp_ns)
 
-    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+    def on_button(self, user: str, button: ButtonEvent) -> list[OutgoingMessage]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
         return self._number_outputs(self._hovers.on_button(user, button), button.stamp_ns)
 
-    def tick(self, now_ns: int) -> list[Output]:
+    def tick(self, now_ns: int) -> list[OutgoingMessage]:
         """Send claims again that are not decided. Return a cue for each that never will be."""
         outputs = self._hovers.forget_ended(now_ns)
         speed = max(1.0, self.speed)
@@ -128,27 +128,27 @@ class ShardEngine(PointingEngine):
                 continue
             if abs(now_ns - open_claim.sent_ns) >= REPEAT_NS * speed:
                 open_claim.sent_ns = now_ns
-                outputs.append(Output(open_claim.user, open_claim.claim))
+                outputs.append(OutgoingMessage(open_claim.user, open_claim.claim))
         return outputs
 
-    def _number_outputs(self, outputs_of_hovers: list[Output], now_ns: int) -> list[Output]:
+    def _number_outputs(self, outputs_of_hovers: list[OutgoingMessage], now_ns: int) -> list[OutgoingMessage]:
         """Number claims and cues, and open the claims to toggle an object."""
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for user, message in outputs_of_hovers:
             if isinstance(message, Feedback):
                 outputs.append(self._refusal_cue(user, message.text, now_ns))
             elif not isinstance(message, Claim):
-                outputs.append(Output(user, message))
+                outputs.append(OutgoingMessage(user, message))
             elif message.wish == "reserve":
                 reservation = self._numbered(user, message)
                 self._reserved[user] = reservation
-                outputs.append(Output(user, reservation))
+                outputs.append(OutgoingMessage(user, reservation))
             elif not self.has_arbiter:
                 outputs.append(self._no_arbiter_cue(user, now_ns))
             else:
                 claim = self._numbered(user, message)
                 self._open[user, claim.stamp_ns] = _OpenClaim(user, claim, now_ns)
-                outputs.append(Output(user, claim))
+                outputs.append(OutgoingMessage(user, claim))
         return outputs
 
     def _is_reserved(self, user: str, object_id: str, now_ns: int) -> bool:
@@ -164,12 +164,12 @@ class ShardEngine(PointingEngine):
         self._sent["claim", user] += 1
         return claim.model_copy(update={"seq": self._sent["claim", user]})
 
-    def _no_arbiter_cue(self, user: str, now_ns: int) -> Output:
+    def _no_arbiter_cue(self, user: str, now_ns: int) -> OutgoingMessage:
         return self._refusal_cue(user, NO_ARBITER, now_ns)
 
-    def _refusal_cue(self, user: str, text: str, now_ns: int) -> Output:
+    def _refusal_cue(self, user: str, text: str, now_ns: int) -> OutgoingMessage:
         self._sent["cue", user] += 1
-        return Output(user, make_cue("refused", text, now_ns, self._sent["cue", user]))
+        return OutgoingMessage(user, make_cue("refused", text, now_ns, self._sent["cue", user]))
 
 
 class SelectionEngine(PointingEngine, Arbiter):
@@ -193,12 +193,12 @@ class SelectionEngine(PointingEngine, Arbiter):
         self._hovers.forget(user)
         self.tell_method()
 
-    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[OutgoingMessage]:
         """Update the objects of `tracker`. What it has not listed for a while has left."""
         self._hovers.on_objects(tracker, objects)
         return self.depart(objects.stamp_ns, tracker)
 
-    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+    def on_cursor(self, user: str, cursor: Cursor) -> list[OutgoingMessage]:
         """Process a cursor of `user`."""
         now_ns = cursor.stamp_ns
         if not self._hovers.is_timely(user, now_ns):
@@ -213,17 +213,17 @@ class SelectionEngine(PointingEngine, Arbiter):
             return outputs + self.changed_selection(now_ns)
         return outputs
 
-    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+    def on_button(self, user: str, button: ButtonEvent) -> list[OutgoingMessage]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""
         return self._decide_claims(self._hovers.on_button(user, button))
 
-    def tick(self, now_ns: int) -> list[Output]:
+    def tick(self, now_ns: int) -> list[OutgoingMessage]:
         """Handle ended trackers, departed objects and expired reservations."""
         return self._hovers.forget_ended(now_ns) + super().tick(now_ns)
 
-    def _decide_claims(self, outputs_of_hovers: list[Output]) -> list[Output]:
+    def _decide_claims(self, outputs_of_hovers: list[OutgoingMessage]) -> list[OutgoingMessage]:
         """Replace claims by what they lead to, and number cues."""
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for output in outputs_of_hovers:
             message = output.message
             if isinstance(message, Claim):

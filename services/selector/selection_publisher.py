@@ -34,7 +34,7 @@ CHANGES: tuple[Action, ...] = ("select", "deselect")
 """Effects that change an object."""
 
 
-class Output(NamedTuple):
+class OutgoingMessage(NamedTuple):
     """A message to publish."""
 
     user: str
@@ -133,7 +133,7 @@ class SelectionPublisher:
             return selection
         return selection.model_copy(update={"method": self.method, "dwell_s": dwell_s})
 
-    def event(self, record: Record, others: str = "") -> list[Output]:
+    def event(self, record: Record, others: str = "") -> list[OutgoingMessage]:
         """Record an event. Return its message, if it has one.
 
         `others`: carriers that carry it out, too, but whose result nobody waits for.
@@ -141,20 +141,20 @@ class SelectionPublisher:
         seq = self._count("event")
         self.write(record, seq)
         message = event_of(record._replace(carriers=f"{record.carriers} {others}"), seq)
-        return [] if message is None else [Output("", message)]
+        return [] if message is None else [OutgoingMessage("", message)]
 
-    def outcome(self, outcome: ActOutcome) -> Output:
+    def outcome(self, outcome: ActOutcome) -> OutgoingMessage:
         """Return the message of the result of an act."""
         seq = self._count("outcome")
-        return Output("", outcome.model_copy(update={"seq": seq}))
+        return OutgoingMessage("", outcome.model_copy(update={"seq": seq}))
 
     def write(self, record: Record, seq: int | None = None) -> None:
         """Record an event. `seq`: number of its message, or None if it has none."""
         self._record(record._replace(seq=seq, method=self.method))
 
-    def cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[Output]:
+    def cues(self, user: str, records: Iterable[Record], now_ns: int) -> list[OutgoingMessage]:
         """Return a cue for `user` for each thing that they did or tried to do."""
-        outputs: list[Output] = []
+        outputs: list[OutgoingMessage] = []
         for record in records:
             if record.event == "left":
                 continue
@@ -163,10 +163,10 @@ class SelectionPublisher:
             outputs.append(self.cue(user, record.event, text, now_ns))
         return outputs
 
-    def cue(self, user: str, kind: Kind, text: str, now_ns: int) -> Output:
+    def cue(self, user: str, kind: Kind, text: str, now_ns: int) -> OutgoingMessage:
         """Return the cue `kind` for `user`."""
         seq = self._count("cue", user)
-        return Output(user, make_cue(kind, text, now_ns, seq))
+        return OutgoingMessage(user, make_cue(kind, text, now_ns, seq))
 
     def _count(self, kind: str, user: str = "") -> int:
         self._sent[kind, user] += 1

@@ -27,7 +27,7 @@ from pointit.services.selector.journal import Journal
 from pointit.services.selector.methods.pointer import apply_method
 from pointit.services.selector.roles import ShardRole, SiteRole
 from pointit.services.selector.selection_methods import METHODS, PersonMethod
-from pointit.services.selector.selection_publisher import Output
+from pointit.services.selector.selection_publisher import OutgoingMessage
 
 log = logging.getLogger(__name__)
 
@@ -178,7 +178,7 @@ class Selector(Service[SelectorConfig]):
         self._logged_problem = problem
         self.bus.warn("method", problem)
 
-    def _put(self, outputs: list[Output]) -> list[Output]:
+    def _put(self, outputs: list[OutgoingMessage]) -> list[OutgoingMessage]:
         """Publish `outputs`, after the journal has committed them, and return them."""
         if self._is_over:
             return []

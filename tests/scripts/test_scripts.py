@@ -72,11 +72,11 @@ def test_scripts_test_installs_its_extra_or_dev_for_named_tests(machine: Machine
     machine.run("test")
     assert machine.calls[0] == f"{install}[test] -e {machine.root}/lab"
 
-    workers = int(machine.calls[-1].split()[5])
+    workers = int(machine.calls[-1].split()[4])
     assert workers > 1
-    options = f"-n {workers} --dist loadfile --no-loadscope-reorder"
+    options = f"-n {workers} -q --dist loadfile --no-loadscope-reorder -p tests.support.cpu_times"
     chosen = "-m not slow and not long tests/integration tests/unit"
-    assert machine.calls[-1] == f"python -m pytest -q {options} {chosen}"
+    assert machine.calls[-1] == f"python -m pytest {options} {chosen}"
     assert machine.run("test", "-q", "tests/unit").returncode == 0
     assert machine.calls == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
 
@@ -322,7 +322,7 @@ def test_all_tests_except_the_nightly_run_in_one_pytest(machine: Machine) -> Non
     machine.run("test", "--all")
     *_, call = machine.calls
     assert re.fullmatch(
-        r"python -m pytest -q -n \d+ --dist loadfile --no-loadscope-reorder -m not long .*"
+        r"python -m pytest -n \d+ -q --dist loadfile --no-loadscope-reorder .* -m not long .*"
         r" --ignore tests/containers --ignore tests/interop tests",
         call,
     )

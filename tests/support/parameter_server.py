@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pointit.bridges.ros2.graph.backend import Closable, Endpoint, Graph, RosType
+from pointit.bridges.ros2.graph.backend import BackendHandle, Endpoint, Graph, RosType
 from pointit.bridges.ros2.node_parameters import FIELDS, GET, GET_SUFFIX, LIST, LIST_SUFFIX, MESSAGE, Value
 from pointit.bridges.ros2.types.types import Types
 
@@ -76,7 +76,7 @@ class ParameterServer:
         self.asked: list[list[str]] = []
         """Names, by request."""
 
-    def serve(self, backend: Any, node: str) -> list[Closable]:
+    def serve(self, backend: Any, node: str) -> list[BackendHandle]:
         """Serve them as `node`."""
         services = {f"{node}{LIST_SUFFIX}": (LIST, self.list), f"{node}{GET_SUFFIX}": (GET, self.get)}
         served: list[Any] = []

@@ -7,14 +7,14 @@ from contextlib import asynccontextmanager
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.services.imu_bridge.network.slimevr_protocol import PORT
-from pointit_lab.devices.contracts.network import SlimevrTracker, slimevr_rotation
+from pointit_lab.devices.contracts.network import FakeSlimevrTracker, slimevr_rotation
 from tests.support.bench import background
 
 MAC = "02:00:0A:0B:0C:0D"
 """Address of each `Tracker`."""
 
 
-class Tracker(SlimevrTracker):
+class Tracker(FakeSlimevrTracker):
     """A wrist in the network, at the port at which all of its kind call."""
 
     def __init__(self) -> None:

@@ -89,14 +89,14 @@ class Graph:
         return replace(self, endpoints=endpoints)
 
 
-class Closable(Protocol):
+class BackendHandle(Protocol):
     """Anything that a backend hands out. Closing twice is allowed, and closing the backend closes it."""
 
     def close(self) -> None:
         """Undeclare; no handler runs afterwards."""
 
 
-class Writer(Closable, Protocol):
+class Writer(BackendHandle, Protocol):
     """Publisher of one topic."""
 
     @property
@@ -120,11 +120,13 @@ class Backend(Protocol):
         """Declare a publisher of the resolved name `topic` (`/user1/pointing_ray`)."""
         ...
 
-    def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
+    def subscribe(
+        self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
+    ) -> BackendHandle:
         """Call `handler(cdr)` for messages of other nodes. Our own messages are not returned."""
         ...
 
-    def serve(self, service: str, kind: RosType, server: Server) -> Closable:
+    def serve(self, service: str, kind: RosType, server: Server) -> BackendHandle:
         """Answer requests to `service`."""
         ...
 
@@ -136,7 +138,7 @@ class Backend(Protocol):
         """
         ...
 
-    def watch(self, handler: Callable[[Graph], None]) -> Closable:
+    def watch(self, handler: Callable[[Graph], None]) -> BackendHandle:
         """Call `handler` with the graph now, and whenever it has changed."""
         ...
 

@@ -32,7 +32,7 @@ MAX_HASH = 21
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class GraphFinding:
     """A problem in the graph, or a note."""
 
     about: str
@@ -44,7 +44,7 @@ class Finding:
 
 def findings(
     graph: Graph, *, domain: int, distro: str, needs: str = "", matching: Matching = "definition"
-) -> tuple[Finding, ...]:
+) -> tuple[GraphFinding, ...]:
     """Return the problems between our endpoints and the others, each with its remedy.
 
     Args:
@@ -88,14 +88,14 @@ def findings(
     if not others:
         suffix = f": {needs}" if needs else ""
         sentence = f"no other ROS node is seen in domain {domain}{suffix}"
-        problems.append(Finding(about="nobody", is_note=True, sentence=sentence))
-    by_subject: dict[str, Finding] = {}
+        problems.append(GraphFinding(about="nobody", is_note=True, sentence=sentence))
+    by_subject: dict[str, GraphFinding] = {}
     for finding in reversed(problems):  # of several about the same subject the first counts
         by_subject[finding.about] = finding
     return tuple(reversed(by_subject.values()))
 
 
-def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
+def _bridges(others: Iterable[Endpoint], domain: int) -> list[GraphFinding]:
     bridges = (endpoint for endpoint in others if endpoint.is_bridge)
     names = sorted({one_line(bridge.node, MAX_NAME) for bridge in bridges})
     if not names:
@@ -105,10 +105,10 @@ def _bridges(others: Iterable[Endpoint], domain: int) -> list[Finding]:
         f"({domain}): we do not listen to it, but ROS nodes take the people and objects of both for the "
         "same; give one of the two another backend.domain_id and backend.node"
     )
-    return [Finding(about="bridge", sentence=sentence)]
+    return [GraphFinding(about="bridge", sentence=sentence)]
 
 
-def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
+def _generations(others: Iterable[Endpoint], distro: str) -> list[GraphFinding]:
     """Return a finding about nodes of Humble, or of anything else if `distro` is Humble."""
     is_humble = distro == "humble"
     mismatched: list[Endpoint] = []
@@ -129,10 +129,10 @@ def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
             f"ROS {listing} of Humble, whose messages have no type hash and never reach "
             f"those of {distro}; set distro to humble, or let them run {distro}"
         )
-    return [Finding(about="distro", sentence=sentence)]
+    return [GraphFinding(about="distro", sentence=sentence)]
 
 
-def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
+def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[GraphFinding]:
     """Return findings about other types under our name, and other definitions under our type."""
     mismatched: list[Endpoint] = []
     rebuilt: list[Endpoint] = []
@@ -142,7 +142,7 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
         elif not _is_same(mine, endpoint) and NO_HASH not in (endpoint.type.hash, mine.type.hash):
             rebuilt.append(endpoint)
 
-    problems: list[Finding] = []
+    problems: list[GraphFinding] = []
     if mismatched:
         other_name = one_line(mismatched[0].type.name, MAX_NAME)
         sentence = (
@@ -150,7 +150,7 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
             f"{other_name}, we as {mine.type.name}: nothing arrives; "
             "rename one of the two"
         )
-        problems.append(Finding(about=f"type of {mine.name}", sentence=sentence))
+        problems.append(GraphFinding(about=f"type of {mine.name}", sentence=sentence))
     if rebuilt:
         package = mine.type.name.partition("/")[0]
         effect = "nothing arrives" if matching == "definition" else "what arrives is dropped or misread"
@@ -162,11 +162,11 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
             f"{seen}, and {effect}; rebuild {package} there from "
             "PointIt's folder interfaces, or from a distribution whose definition is the same"
         )
-        problems.append(Finding(about=f"definition of {mine.name}", sentence=sentence))
+        problems.append(GraphFinding(about=f"definition of {mine.name}", sentence=sentence))
     return problems
 
 
-def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
+def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[GraphFinding]:
     """Return findings about QoS that does not match ours under the rules of DDS, even where it does here."""
     if mine.kind not in ("publisher", "subscriber"):
         return []
@@ -196,13 +196,13 @@ def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding
                 f"QoS of ROS {nodes(conflicting)} on {mine.name} does not match ours: {side} "
                 f"{problem}; by the rules of DDS nothing would arrive, change one of the two"
             )
-            return [Finding(about=f"QoS of {mine.name}", sentence=sentence)]
+            return [GraphFinding(about=f"QoS of {mine.name}", sentence=sentence)]
     return []
 
 
 def _domains(
     counterparts: Counterparts, other_domains: Iterable[Endpoint], domain: int, *, is_alone: bool
-) -> list[Finding]:
+) -> list[GraphFinding]:
     """Return a finding about nodes in other domains, which never meet ours."""
     outside = list(other_domains)
     if not is_alone:  # another robot's domain is normal, unless it has endpoints for us
@@ -217,7 +217,7 @@ def _domains(
         f"we are in {domain}: nothing arrives; set domain_id to {domains[0]}, or start them with "
         f"ROS_DOMAIN_ID={domain}"
     )
-    return [Finding(about="domain", sentence=sentence)]
+    return [GraphFinding(about="domain", sentence=sentence)]
 
 
 def _end(endpoint: Endpoint) -> End:

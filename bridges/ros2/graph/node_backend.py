@@ -10,8 +10,8 @@ from collections.abc import Callable, Coroutine, Hashable, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server
-from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
+from pointit.bridges.ros2.graph.backend import BackendHandle, Graph, Qos, RosType, Server
+from pointit.bridges.ros2.graph.findings import GraphFinding, Matching, findings
 from pointit.bridges.ros2.types.types import MAX_BYTES
 from pointit.runtime.bus.contract import Declaration
 from pointit.runtime.bus.mailbox import Dispatcher
@@ -111,7 +111,7 @@ class GraphMonitor:
             findings, domain=domain, distro=distro, needs=needs, matching=matching
         )
         self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
-        self._findings: tuple[Finding, ...] = ()
+        self._findings: tuple[GraphFinding, ...] = ()
         self._handlers: dict[Declaration, Handler] = {}
 
     @property
@@ -119,7 +119,7 @@ class GraphMonitor:
         """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
         return tuple(finding.sentence for finding in self._findings if finding.is_note)
 
-    def watch(self, handler: Handler) -> Closable:
+    def watch(self, handler: Handler) -> BackendHandle:
         """Call `handler` with the graph now, and whenever it has changed."""
         handler(self._graph)
         watch = Declaration(lambda: self._handlers.pop(watch, None))
@@ -157,7 +157,7 @@ class NodeContext:
         self.warnings = BackendWarnings(warnings)
         self.dispatcher = dispatcher
         self.loop = asyncio.get_running_loop()
-        self.ends: set[Closable] = set()
+        self.ends: set[BackendHandle] = set()
         """Declared endpoints, kept alive here, without those that failed."""
 
     @property

@@ -35,7 +35,7 @@ MAX_TRANSFORMS = 1000
 """Maximum number of stored static transforms."""
 
 
-class Wrist:
+class RosWrist:
     """A person's arm from QuaternionStamped or Imu."""
 
     def __init__(self) -> None:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.inbound import conveyor
-from pointit.bridges.ros2.inbound.person import Button, Poses, Wrist, people_in
+from pointit.bridges.ros2.inbound.person import Button, Poses, RosWrist, people_in
 from pointit.bridges.ros2.inbound.rays import Subscriptions, ray
 from pointit.bridges.ros2.routing.names import PERSON
 from pointit.bridges.ros2.routing.route_types import (
@@ -45,7 +45,7 @@ FASTEST = 100.0
 
 def inward() -> tuple[InboundRoute, ...]:
     """Return the routes, with new converters."""
-    wrist = Wrist()
+    wrist = RosWrist()
     poses = Poses()
     button = Button()
     return (

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.routing.conversion_state import ConversionState, Person
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, RosPerson
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
@@ -355,7 +355,7 @@ def _person(markers: MarkerBuilder, state: ConversionState, user: str) -> Iterat
 
 
 def _pointing(
-    markers: MarkerBuilder, state: ConversionState, user: str, person: Person, rgb: Rgb
+    markers: MarkerBuilder, state: ConversionState, user: str, person: RosPerson, rgb: Rgb
 ) -> Iterator[Any]:
     cursor = state.pointing(user)
     if cursor is None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer
+from pointit.bridges.ros2.graph.backend import BackendHandle, Graph, Qos, RosType, Server, Writer
 from pointit.bridges.ros2.graph.node_backend import MessageQueue, NodeBackend, RosEndpoint
 from pointit.bridges.ros2.over_rclpy.endpoints import (
     DdsClient,
@@ -39,7 +39,7 @@ from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
 
-End = TypeVar("End", bound=Closable)
+End = TypeVar("End", bound=BackendHandle)
 
 LOOK_S = 1.0
 """Interval of reading the graph, s."""
@@ -216,7 +216,9 @@ class RclpyBackend(NodeBackend[DdsContext]):
 
         return self._declared(kind, topic, declare, self._joined.node.get_publishers_info_by_topic)
 
-    def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
+    def subscribe(
+        self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
+    ) -> BackendHandle:
         """Call `handler(cdr)` for messages of other nodes. Our own messages are not returned."""
 
         def declare(message: Any) -> DdsReader:
@@ -224,7 +226,7 @@ class RclpyBackend(NodeBackend[DdsContext]):
 
         return self._declared(kind, topic, declare, self._joined.node.get_subscriptions_info_by_topic)
 
-    def serve(self, service: str, kind: RosType, server: Server) -> Closable:
+    def serve(self, service: str, kind: RosType, server: Server) -> BackendHandle:
         """Answer requests to `service`, unless this ROS lacks its type."""
 
         def declare(types: Any) -> DdsServiceServer:

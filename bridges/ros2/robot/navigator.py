@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit.bridges.ros2.graph.backend import Backend, Closable, Qos
+from pointit.bridges.ros2.graph.backend import Backend, BackendHandle, Qos
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.robot.goal_book import RETRY_NS, GoalBook, Outcome
 from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
@@ -90,7 +90,7 @@ class ActionClient:
         status_end = backend.subscribe(
             f"{self._topics}/status", types.kind(STATUS), STATUS_QOS, self._process_status
         )
-        self._ends: tuple[Closable, ...] = (feedback_end, status_end)
+        self._ends: tuple[BackendHandle, ...] = (feedback_end, status_end)
 
     async def send(self, goal: bytes, value: Any) -> bool:
         """Send the goal `value` (of the type `…_Goal`). Return True if the server accepts it.

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pointit.bridges.ros2.config import TF, PoseSource
-from pointit.bridges.ros2.graph.backend import SENSOR, Backend, Closable, Qos
+from pointit.bridges.ros2.graph.backend import SENSOR, Backend, BackendHandle, Qos
 from pointit.bridges.ros2.routing.names import frame_name
 from pointit.bridges.ros2.sightings import AT_ORIGIN, READERS, Sighting, TransformBuffer, compose, yaw
 from pointit.bridges.ros2.trackers import FrameLookup, Motion, captured, stated_velocity
@@ -125,7 +125,7 @@ class PoseInput:
         latched = Qos(depth=100, latched=True)
         static_end = backend.subscribe("/tf_static", tf, latched, self._on_static)
         moving_end = backend.subscribe("/tf", tf, Qos(depth=100), self._on_moving)
-        self._ends: list[Closable] = [static_end, moving_end]
+        self._ends: list[BackendHandle] = [static_end, moving_end]
         self._name = source.type.replace("/", "/msg/")
         if source.type != TF:
             types.prepare(self._name)

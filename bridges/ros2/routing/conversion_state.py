@@ -60,7 +60,7 @@ INPUT_TOPICS: tuple[Topic[Any], ...] = (
 
 
 @dataclass(slots=True)
-class Person:
+class RosPerson:
     """Last messages of one person."""
 
     profile: UserProfile = DEFAULT_PROFILE
@@ -136,7 +136,7 @@ class ConversionState:
         """Numbers of strips."""
         self.now_ns = 0
         """The site's time."""
-        self.people: dict[str, Person] = {}
+        self.people: dict[str, RosPerson] = {}
         self.ros_users: dict[str, RosUser] = {}
         """All ROS-only users, present or not, without those who have PointIt services."""
         self.selection: Selection | None = None
@@ -168,7 +168,7 @@ class ConversionState:
 
     def end(self, name: str, message: Message) -> None:
         """Forget a message that is no longer valid."""
-        person = self.people.get(name, Person())
+        person = self.people.get(name, RosPerson())
         match message:
             case Cursor():
                 person.cursor = None
@@ -191,10 +191,10 @@ class ConversionState:
         """Forget a person who has left."""
         self.people.pop(user, None)
 
-    def person(self, user: str) -> Person:
+    def person(self, user: str) -> RosPerson:
         """Return the state of `user`."""
         if user not in self.people:
-            self.people[user] = Person()
+            self.people[user] = RosPerson()
         return self.people[user]
 
     def pointing(self, user: str) -> Cursor | None:

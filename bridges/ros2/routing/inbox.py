@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
-from pointit.bridges.ros2.graph.backend import Closable, Graph
+from pointit.bridges.ros2.graph.backend import BackendHandle, Graph
 from pointit.bridges.ros2.graph.node_backend import BackendWarnings
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.rate_limiter import RateLimiter, reclaim_delay_s
@@ -18,7 +18,7 @@ from pointit.bridges.ros2.routing.route_types import (
     ServiceRoute,
     Taken,
 )
-from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.routing.site import RosSite
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import Timer, WallClock
 from pointit.runtime.errors import BusError, RefusedError, RequestError
@@ -35,7 +35,7 @@ MAX_ASKED = 64
 class InputSubscription:
     """Receives messages. Above the rate, the newest (of each person, if it names people) is handled later."""
 
-    def __init__(self, route: InboundRoute, name: str, site: Site, take: Callable[[bytes], None]) -> None:
+    def __init__(self, route: InboundRoute, name: str, site: RosSite, take: Callable[[bytes], None]) -> None:
         """Subscribe.
 
         Args:
@@ -121,7 +121,9 @@ class InputSubscription:
 class Inbox:
     """All input."""
 
-    def __init__(self, routes: Iterable[InboundRoute], services: Iterable[ServiceRoute], site: Site) -> None:
+    def __init__(
+        self, routes: Iterable[InboundRoute], services: Iterable[ServiceRoute], site: RosSite
+    ) -> None:
         self._site = site
         self._wall = WallClock()
         self._loop = asyncio.get_running_loop()
@@ -129,7 +131,7 @@ class Inbox:
         self._services = tuple(services)
         self._served: frozenset[str] = frozenset()
         """Services that other nodes offer."""
-        self._ends: dict[tuple[str, str], Closable] = {}
+        self._ends: dict[tuple[str, str], BackendHandle] = {}
         """Declared endpoints in ROS, by route and name."""
         self._reclaims: dict[tuple[str, str], asyncio.TimerHandle | None] = {}
         """Routes left to others, as `_ends`, and the timer to reclaim them once they are free."""
@@ -180,7 +182,7 @@ class Inbox:
                 del self._publishers[topic_key]
                 publisher.close()
 
-    def listen(self, route: InboundRoute, name: str) -> Closable:
+    def listen(self, route: InboundRoute, name: str) -> BackendHandle:
         """Receive what `route` has about `name` until the returned endpoint is closed."""
         process = functools.partial(self._on_message, route, name)
         return InputSubscription(route, name, self._site, process)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pointit.bridges.ros2.graph.backend import Graph, Writer
 from pointit.bridges.ros2.routing.rate_limiter import RateLimiter, reclaim_delay_s
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
-from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.routing.site import RosSite
 from pointit.runtime.clock import Timer
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
@@ -16,7 +16,9 @@ from pointit.schemas.topics import Topic
 class _Line:
     """One route to one name in ROS."""
 
-    def __init__(self, route: OutboundRoute, ros: str, site: Site, has_reader: Callable[[str], bool]) -> None:
+    def __init__(
+        self, route: OutboundRoute, ros: str, site: RosSite, has_reader: Callable[[str], bool]
+    ) -> None:
         self.route = route
         self.ros = ros
         self._site = site
@@ -185,7 +187,7 @@ class _Line:
 class Outbox:
     """All output."""
 
-    def __init__(self, routes: Iterable[OutboundRoute], site: Site) -> None:
+    def __init__(self, routes: Iterable[OutboundRoute], site: RosSite) -> None:
         """Appear in the graph with every route without a person."""
         self._site = site
         self._read: frozenset[str] = frozenset()

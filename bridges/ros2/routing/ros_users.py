@@ -9,7 +9,7 @@ from pointit.bridges.ros2.routing.conversion_state import RosUser
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.route_types import InboundRoute
-from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.routing.site import RosSite
 from pointit.runtime.bus.contract import Closable
 from pointit.runtime.clock import Timer
 from pointit.schemas.topics import INTERACTION, POSE, RAY, USER_ALIVE
@@ -34,7 +34,12 @@ class RosUsers:
     """Announces ROS-only users to the site when they come and go, and yields to PointIt services."""
 
     def __init__(
-        self, people: Iterable[str], routes: Iterable[InboundRoute], site: Site, inbox: Inbox, outbox: Outbox
+        self,
+        people: Iterable[str],
+        routes: Iterable[InboundRoute],
+        site: RosSite,
+        inbox: Inbox,
+        outbox: Outbox,
     ) -> None:
         """Subscribe for `people` to those of `routes` that are of ROS-only users only."""
         routes = tuple(routes)

@@ -9,7 +9,7 @@ from pointit.runtime.clock import Clock
 
 
 @dataclass(frozen=True, kw_only=True)
-class Site:
+class RosSite:
     """Our bus and time, the ROS graph, and the state of both."""
 
     bus: ServiceBus

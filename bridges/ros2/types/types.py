@@ -16,7 +16,7 @@ from pointit.bridges.ros2.types.definitions import ARRAY, BASE, NAME, Definition
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 
-LayoutOf = Callable[[str], "Layout"]
+LayoutOf = Callable[[str], "MessageLayout"]
 
 NO_HASH = "TypeHashNotSupported"
 """Humble's text in place of a hash."""
@@ -29,7 +29,7 @@ HEADER_BYTES = 4
 MAX_BYTES = 1_000_000
 
 
-class Layout:
+class MessageLayout:
     """Makes values of the type `name`; `layout_of` returns the layouts of nested types."""
 
     def __init__(self, name: str, definitions: Definitions, layout_of: LayoutOf) -> None:
@@ -115,7 +115,7 @@ class Types:
         self._rihs01 = Rihs01(self._fields_of)
         golden = GOLDEN.read_text(encoding="utf-8")
         self._golden: dict[str, str] = json.loads(golden)
-        self._layouts: dict[str, Layout] = {}
+        self._layouts: dict[str, MessageLayout] = {}
         self._kinds: dict[str, RosType] = {}
 
     def kind(self, name: str) -> RosType:
@@ -232,13 +232,13 @@ class Types:
             raise KeyError(f"{service} is not a service the bridge knows")
         return f"{service}_{half}"
 
-    def _layout(self, name: str) -> Layout:
+    def _layout(self, name: str) -> MessageLayout:
         layout = self._layouts.get(name)
         if layout is not None:
             return layout
         if name not in self._store.fielddefs:
             raise KeyError(f"{name} is not a type that ROS 2 {self.distro} or PointIt defines")
-        self._layouts[name] = Layout(name, self._definitions, self._layout)
+        self._layouts[name] = MessageLayout(name, self._definitions, self._layout)
         return self._layouts[name]
 
     def _fields_of(self, name: str) -> Fields:

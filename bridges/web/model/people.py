@@ -39,7 +39,7 @@ class Writers(NamedTuple):
     speech: Publisher[Speech]
 
 
-class People:
+class PagePeople:
     """Publishes buttons, wrists and words of people who are present."""
 
     def __init__(self, bus: ServiceBus, clock: Clock) -> None:
@@ -173,7 +173,7 @@ class WristMotion:
     """Publishes samples of wrists; rests while no page holds one."""
 
     wrists: WristControl
-    people: People
+    people: PagePeople
     clock: Clock
     ended: Callable[[], None]
     """Called when no page holds a wrist any more."""

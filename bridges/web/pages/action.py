@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.model.home_site import HomeSite
 from pointit.bridges.web.model.map_editor import MapEditor
-from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.people import PagePeople
 from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.scan.scan_server import ScanServer
 from pointit.bridges.web.server.access import Access
@@ -56,7 +56,7 @@ class ActionContext:
     """Parts of the server that actions use."""
 
     bus: Bus
-    people: People
+    people: PagePeople
     wrists: WristControl
     pairing: Pairing
     phones: Phones

@@ -47,7 +47,7 @@ MAX_WORD_AGE_S = 60.0
 """Largest age of a word, s."""
 
 
-class Press(ActionParameters):
+class ArmPress(ActionParameters):
     """Parameters of a press."""
 
     gesture: Literal["press", "double", "hold"] = "press"
@@ -62,7 +62,7 @@ def _source_of(context: ActionContext, sender: PageSender) -> str:
     return "headset" if is_headset else "page"
 
 
-async def _press(context: ActionContext, sender: PageSender, press: Press) -> JsonObject:
+async def _press(context: ActionContext, sender: PageSender, press: ArmPress) -> JsonObject:
     source = _source_of(context, sender)
     context.people.press(sender.user, press.gesture, source=source, held_s=press.held_s)
     return {"message": f"{sender.user}'s button was pressed"}
@@ -121,13 +121,13 @@ async def _give(context: ActionContext, sender: PageSender, _: NoParameters) -> 
     return {"message": f"{user}'s arm is their own again"}
 
 
-class Tremor(ActionParameters):
+class ArmTremor(ActionParameters):
     """Parameters of a tremor."""
 
     rms_deg: float = Field(ge=0, le=MAX_TREMOR_DEG)
 
 
-async def _set_tremor(context: ActionContext, sender: PageSender, tremor: Tremor) -> JsonObject:
+async def _set_tremor(context: ActionContext, sender: PageSender, tremor: ArmTremor) -> JsonObject:
     if not context.wrists.set_tremor(sender.user, sender.page, tremor.rms_deg):
         raise RefusedError(f"this page does not move {sender.user}'s arm: take it first")
     return {"message": f"{sender.user}'s arm trembles by {tremor.rms_deg:g}° rms"}
@@ -179,11 +179,11 @@ async def _report_voice(context: ActionContext, sender: PageSender, report: Repo
 
 
 ARM_ACTIONS: tuple[Action[Any], ...] = (
-    Action("press", "person", Press, WRIST, _press),
+    Action("press", "person", ArmPress, WRIST, _press),
     Action("step", "person", StepBeside, WRIST, _step),
     Action("take", "person", TakeArm, WRIST, _take),
     Action("give", "person", NoParameters, WRIST, _give),
-    Action("tremor", "person", Tremor, CONTROL, _set_tremor),
+    Action("tremor", "person", ArmTremor, CONTROL, _set_tremor),
     Action("centre", "person", NoParameters, WRIST, _centre),
     Action("report_voice", "person", ReportVoice, WRIST, _report_voice),
     Action("speak", "person", Speak, WRIST, _speak),

@@ -18,7 +18,7 @@ from pointit.bridges.web.server import access as exposure_check
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import application
 from pointit.bridges.web.server.bundle import Bundle, refusal
-from pointit.bridges.web.server.listener import Listener, open_port
+from pointit.bridges.web.server.listener import HttpListener, open_port
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing, Role
 from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.host.extras import pointit_version
@@ -227,7 +227,7 @@ class RecordingServer:
         access.know_hosts([config.host])
         app = application(access, Bundle(), self._open, _no_download)
         listening_socket = open_port(config.host, config.port, "--port")
-        self._listener = Listener(app, listening_socket)
+        self._listener = HttpListener(app, listening_socket)
 
     @property
     def port(self) -> int:

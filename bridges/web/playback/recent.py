@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
 
-from pointit.bridges.web.wire import Lane, LaneKind, Timeline
+from pointit.bridges.web.wire import LaneKind, Timeline, TimelineLane
 from pointit.recording.entries import AnyRow, Body, Entry
 from pointit.runtime.host.unpacking import unpack_zlib
 from pointit.schemas import (
@@ -215,7 +215,7 @@ class Lanes:
             if not items and not has_person:
                 del self._items[kind, user]
 
-    def lanes(self, began_ns: int, until_ns: int) -> tuple[Lane, ...]:
+    def lanes(self, began_ns: int, until_ns: int) -> tuple[TimelineLane, ...]:
         """Return the lanes with items between `began_ns` and `until_ns`, those of people first."""
         # Intervals that have not ended are shown until the end
         items_by_lane = {lane_key: list(items) for lane_key, items in self._items.items()}
@@ -226,13 +226,13 @@ class Lanes:
             passed_ns = max(at_ns - began_ns, 0)
             return math.ceil(passed_ns / NS_PER_MS) / 1000.0  # rounded up: a seek to it shows its effect
 
-        lanes: list[Lane] = []
+        lanes: list[TimelineLane] = []
         for kind, user in sorted(items_by_lane, key=_lane_order):
             shown_items: list[tuple[float, float, str]] = []
             for start_ns, end_ns, text in sorted(items_by_lane[kind, user]):
                 if end_ns >= began_ns:
                     shown_items.append((from_start_s(start_ns), from_start_s(end_ns), text))
-            lanes.append(Lane(kind=kind, user=user, items=tuple(shown_items)))
+            lanes.append(TimelineLane(kind=kind, user=user, items=tuple(shown_items)))
         return tuple(lanes)
 
     def _show_missing_services(self, at_ns: int) -> None:

@@ -176,7 +176,7 @@ def _dimmed(color: Rgb, brightness: float) -> Rgb:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solution:
+class ScanSolution:
     """Result of the solver."""
 
     strips: tuple[ScanStrip, ...]
@@ -191,7 +191,7 @@ class Solution:
     """Returns the map with its origin at a strip, and with things, as YAML. Raises PointItError."""
 
 
-Solve = Callable[[Survey], Awaitable[Solution]]
+Solve = Callable[[Survey], Awaitable[ScanSolution]]
 """Solves views. Raises PointItError if they determine nothing yet."""
 
 
@@ -216,7 +216,7 @@ class ScanSession:
         self._lights: tuple[tuple[str, int], ...] = ()
         self._views: list[CameraView] = []
         self._things: dict[str, ScanThing] = {}
-        self._solution: Solution | None = None
+        self._solution: ScanSolution | None = None
         self._solving: asyncio.Task[None] | None = None
         self._problem = ""
         self._saved = ""
@@ -349,7 +349,7 @@ class ScanSession:
 
     def state(self, *, is_simulated: bool = False) -> ScanState:
         """Return the state for a page."""
-        solution = self._solution or Solution(strips=())
+        solution = self._solution or ScanSolution(strips=())
 
         # Lights, as far as the solver knows them, then things
         solved = {strip.name: strip for strip in solution.strips}

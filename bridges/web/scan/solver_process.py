@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from typing import TYPE_CHECKING
 
-from pointit.bridges.web.scan.session import Solution
+from pointit.bridges.web.scan.session import ScanSolution
 from pointit.bridges.web.scan.wire import ScanStrip, ScanThing
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -36,7 +36,7 @@ def solve_survey(survey: Survey) -> "Scan":
     return solve(survey.strips, survey.lamps, survey.views, known_length=survey.known_length)
 
 
-def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
+def solution_of(scan: "Scan", size: tuple[int, int]) -> ScanSolution:
     """Return the solution for pages; `size`: of the views' images, image pixels."""
     from pointit.scan.advice import next_view  # noqa: PLC0415
 
@@ -75,7 +75,7 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
 
     # Views that show too little have no camera
     cameras_m = tuple(camera.position_m for camera in scan.cameras if camera is not None)
-    return Solution(
+    return ScanSolution(
         strips=tuple(scan_strips),
         cameras_m=cameras_m,
         is_complete=scan.complete(),
@@ -147,7 +147,7 @@ class SolverProcess:
     def __init__(self) -> None:
         self._pool: ProcessPoolExecutor | None = None
 
-    async def solve(self, survey: Survey) -> Solution:
+    async def solve(self, survey: Survey) -> ScanSolution:
         """Solve `survey`.
 
         Raises:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from starlette.types import ASGIApp
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.listener import Listener, open_port, url
+from pointit.bridges.web.server.listener import HttpListener, open_port, url
 from pointit.runtime.address_config import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.name_lookup import lan_addresses
@@ -74,7 +74,7 @@ class Lan:
         self._app = app
         self._addresses = addresses
         self._advice = advice
-        self._listener: Listener | None = None
+        self._listener: HttpListener | None = None
         self._opening = asyncio.Lock()
         self.address = ""
         """Address of the listener, or the last one."""
@@ -113,7 +113,7 @@ class Lan:
                 raise RefusedError(str(error)) from error
 
             # A cancelled start leaves no listener behind
-            listener = Listener(self._app, listening, tls)
+            listener = HttpListener(self._app, listening, tls)
             try:
                 await listener.start()
             except BaseException:

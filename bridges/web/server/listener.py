@@ -125,7 +125,7 @@ class _Visit:
     """Time since when that is so."""
 
 
-class Listener:
+class HttpListener:
     """Serves `app` at a socket of `open_port`, with TLS if there is a context, from `start` to `close`."""
 
     def __init__(

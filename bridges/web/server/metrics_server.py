@@ -11,7 +11,7 @@ from starlette.routing import Route
 
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, info_of
-from pointit.bridges.web.server.listener import Listener, open_port
+from pointit.bridges.web.server.listener import HttpListener, open_port
 from pointit.bridges.web.site_metrics import SiteMetrics
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError
@@ -94,7 +94,7 @@ class MetricsServer:
         access.know_hosts([host])
         routes = [metrics_route(metrics, None)]
         app = SecurityMiddleware(Starlette(routes=routes), access)
-        self._listener = Listener(app, open_port(host, port, "--listen"))
+        self._listener = HttpListener(app, open_port(host, port, "--listen"))
 
     @property
     def port(self) -> int:

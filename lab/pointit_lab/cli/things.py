@@ -60,7 +60,7 @@ def things(
     from pointit_lab.evaluation.things.things import (  # noqa: PLC0415 - as above
         MISS_KINDS,
         ROWS,
-        Result,
+        ReachResult,
         reaches,
         row_of,
         wrong_selections,
@@ -98,7 +98,7 @@ def things(
                 jobs=jobs,
                 tick=lambda done, of: tell_progress(f"people who point elsewhere, {done} of {of}"),
             )
-        results: dict[str, list[Result]] = {row.name: [] for row in ROWS}
+        results: dict[str, list[ReachResult]] = {row.name: [] for row in ROWS}
         for (row, _, _), batch_results in zip(reach_batches, reach_results, strict=True):
             results[row.name] += batch_results
         rows = [row_of(row, results[row.name]) for row in ROWS]

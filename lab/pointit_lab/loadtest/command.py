@@ -16,7 +16,7 @@ from pointit.runtime.host.state_file import VARIABLE
 from pointit.runtime.link.link import VARIABLE as CREDENTIALS
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
-from pointit_lab.loadtest.layout import Layout, Load
+from pointit_lab.loadtest.layout import Layout, LoadParameters
 from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult
 from pointit_lab.loadtest.measuring import measure
 from pointit_lab.loadtest.network.routers import Program
@@ -176,14 +176,14 @@ def command(
         os.environ[VARIABLE] = context.with_resource(folder)
 
     # One load for each number of hosts: 0 simulates none.
-    loads: list[Load] = []
+    loads: list[LoadParameters] = []
     endpoints = () if is_own else connect
     for host_count in hosts or (0,):
         needs_router = secured or host_count > 0
         default_router: Program | None = "pointit" if needs_router else None
         own_router = router or default_router
         own_routers = routers or host_count
-        load = Load(
+        load = LoadParameters(
             rate_hz=rate_hz,
             duration_s=duration_s,
             layout=layout,
@@ -260,7 +260,7 @@ def _sections(results: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> li
 
 
 async def _run(
-    loads: Sequence[Load],
+    loads: Sequence[LoadParameters],
     users: Sequence[int],
     results: list[LoadResult],
     searches: list[CapacitySearch] | None,

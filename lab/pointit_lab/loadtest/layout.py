@@ -25,7 +25,7 @@ SHARDED = ("pui", "selector")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Load:
+class LoadParameters:
     """Parameters of a load test."""
 
     rate_hz: float
@@ -85,7 +85,7 @@ def load_launches(
     return site_launches(scenario, choices), people
 
 
-def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
+def groups(load: LoadParameters, count: int) -> tuple[Group, list[Group]]:
     """Return the group of this process and those of others, for `count` people."""
     site, by_name = load_launches(count)
     site = [] if load.connect else site
@@ -112,7 +112,7 @@ def groups(load: Load, count: int) -> tuple[Group, list[Group]]:
     return Group(name="wrists", wrists=names), services
 
 
-def host_groups(load: Load, count: int, machines: Sequence[Machine]) -> dict[int, list[Group]]:
+def host_groups(load: LoadParameters, count: int, machines: Sequence[Machine]) -> dict[int, list[Group]]:
     """Return the processes of each machine by its index: its people's, and at the first host the site's.
 
     Unless the load is `central`, cursors and hovers are computed by shards beside the people.

@@ -15,7 +15,7 @@ from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE
 from pointit_lab.loadtest.hosts import start_hosts_test
-from pointit_lab.loadtest.layout import Load, groups, host_groups
+from pointit_lab.loadtest.layout import LoadParameters, groups, host_groups
 from pointit_lab.loadtest.load_result import LoadResult
 from pointit_lab.loadtest.network.namespaces import PORT, free_port, network
 from pointit_lab.loadtest.network.routers import plain_configuration, router_process, secured_configuration
@@ -29,7 +29,7 @@ WARM_UP_S = 1.0
 IDENTITY = "load"
 
 
-async def measure(load: Load, count: int, tell: Tell) -> LoadResult:
+async def measure(load: LoadParameters, count: int, tell: Tell) -> LoadResult:
     """Start `count` people with everything, measure, and end it all. `tell` gets progress."""
     if load.hosts:
         return await _measure_hosts(load, count, tell)
@@ -46,7 +46,7 @@ async def measure(load: Load, count: int, tell: Tell) -> LoadResult:
             return await rig.measure(load.rate_hz, load.duration_s, load.name)
 
 
-async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
+async def _measure_hosts(load: LoadParameters, count: int, tell: Tell) -> LoadResult:
     machines = tree(load.hosts, load.routers, load.fan)
     with (
         tempfile.TemporaryDirectory(prefix="pointit-load-routers-") as folder,
@@ -83,7 +83,7 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
 
 
 @contextlib.asynccontextmanager
-async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
+async def _bus(load: LoadParameters) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
     """Yield this process's bus, the address for others, and the router's process id."""
     if load.connect:
         async with join_site(load.site, load.connect) as bus:

@@ -20,7 +20,7 @@ from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import SecurityMiddleware, info_of
 from pointit.bridges.web.server.bundle import Bundle, Pieces, file_response, refusal
 from pointit.bridges.web.server.lan import Lan
-from pointit.bridges.web.server.listener import Listener, open_port, url
+from pointit.bridges.web.server.listener import HttpListener, open_port, url
 from pointit.study.page.view import Page, PageView
 
 STATIC = Path(__file__).parent / "static"
@@ -52,7 +52,7 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
             base = await network.open()
             access.know_hosts([network.address])
         else:
-            listener = Listener(app, open_port(HOST, 0, "--page"))
+            listener = HttpListener(app, open_port(HOST, 0, "--page"))
             stack.push_async_callback(listener.close)
             await listener.start()
             base = url("http", HOST, listener.port)

@@ -13,7 +13,7 @@ from pointit.bridges.ros2.graph.node_backend import MIN_CAPACITY
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.routing.site import RosSite
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
@@ -254,7 +254,7 @@ def outbox_of(node: Node) -> Outbox:
     """Return the way out to ROS through `node`, as the service wires it."""
     clock = ManualClock()
     bus = ServiceBus(MemoryBus(LocalBroker()), clock, "ros2", "ros2")
-    site = Site(bus=bus, clock=clock, backend=node.backend, state=ConversionState(Types("jazzy")))
+    site = RosSite(bus=bus, clock=clock, backend=node.backend, state=ConversionState(Types("jazzy")))
     outbox = Outbox(routes().outward, site)
     node.backend.watch(outbox.look)
     return outbox

@@ -10,7 +10,7 @@ from pointit.services.conveyor_sim.feeding import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.selection_publisher import Output, Record
+from pointit.services.selector.selection_publisher import OutgoingMessage, Record
 from tests.unit.conveyor_sim.rooms import FORK, S, config
 
 USER = "anna"
@@ -70,7 +70,7 @@ class Hall:
                 )
         self.take(self.selecting.on_cursor(USER, cursor))
 
-    def take(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[OutgoingMessage]) -> None:
         for output in outputs:
             message = output.message
             if isinstance(message, SelectionEvent):

@@ -14,7 +14,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from pointit.bridges.web.config import Place, WebConfig
-from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.people import PagePeople
 from pointit.bridges.web.wire import AimAt, HeadsetMotion, Received
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import vector
@@ -66,7 +66,7 @@ class Wearer:
 
     def __post_init__(self) -> None:
         self._wrists = WristControl(WebConfig())
-        self._people = People(cast("ServiceBus", self.bus), self.clock)
+        self._people = PagePeople(cast("ServiceBus", self.bus), self.clock)
         self._people.on_join(ANNA)
         self._wrists.acquire(ANNA, "page1", "headset")
         self._rng = np.random.default_rng(3)

@@ -19,7 +19,7 @@ from starlette.types import Receive, Scope, Send
 from pointit.bridges.web.server import listener as serving
 from pointit.bridges.web.server.bundle import PIECE, Pieces
 from pointit.bridges.web.server.certificate import obtain
-from pointit.bridges.web.server.listener import Listener, open_port
+from pointit.bridges.web.server.listener import HttpListener, open_port
 from pointit.runtime.errors import ListenError
 from tests.support.bench import until
 
@@ -36,8 +36,8 @@ async def app(scope: Scope, receive: Receive, send: Send) -> None:
 
 
 @asynccontextmanager
-async def listening(tls: ssl.SSLContext | None = None, most: int = 0) -> AsyncGenerator[Listener]:
-    listener = Listener(app, open_port("127.0.0.1", 0, "--port"), tls, max_connections=most)
+async def listening(tls: ssl.SSLContext | None = None, most: int = 0) -> AsyncGenerator[HttpListener]:
+    listener = HttpListener(app, open_port("127.0.0.1", 0, "--port"), tls, max_connections=most)
     await listener.start()
     try:
         yield listener
@@ -56,7 +56,7 @@ def test_listener_without_a_host_uses_all_addresses(address: str) -> None:
 
 
 async def test_client_before_the_start_is_answered_after_it() -> None:
-    listener = Listener(app, open_port("127.0.0.1", 0, "--port"))
+    listener = HttpListener(app, open_port("127.0.0.1", 0, "--port"))
     try:
         early = await opened(listener, said=ASKED)
         await listener.start()
@@ -74,7 +74,7 @@ def test_port_of_two_pages_is_refused_to_the_second() -> None:
             open_port("127.0.0.1", port, "--port")
 
 
-async def opened(listener: Listener, address: str = "127.0.0.1", said: bytes = b"") -> socket.socket:
+async def opened(listener: HttpListener, address: str = "127.0.0.1", said: bytes = b"") -> socket.socket:
     """Return a connection of `address` on which nothing more than `said` was said, and nothing is read."""
     client = socket.socket()
     client.setblocking(False)
@@ -87,7 +87,7 @@ async def opened(listener: Listener, address: str = "127.0.0.1", said: bytes = b
 
 @asynccontextmanager
 async def flood(
-    listener: Listener, count: int, address: str = FLOODER, said: bytes = b""
+    listener: HttpListener, count: int, address: str = FLOODER, said: bytes = b""
 ) -> AsyncGenerator[list[socket.socket]]:
     clients = [await opened(listener, address, said) for _ in range(count)]
     try:
@@ -99,7 +99,7 @@ async def flood(
 
 @asynccontextmanager
 async def talking(
-    listener: Listener, **options: Any
+    listener: HttpListener, **options: Any
 ) -> AsyncGenerator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
     where: dict[str, Any] = {} if "sock" in options else {"host": "127.0.0.1", "port": listener.port}
     reader, writer = await asyncio.open_connection(**where, **options)
@@ -121,7 +121,7 @@ async def test_parts_of_a_response_wait_for_no_acknowledgement() -> None:
         assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
 
 
-async def is_answered(listener: Listener) -> bool:
+async def is_answered(listener: HttpListener) -> bool:
     """Return True if a well-behaved client has its response."""
     async with talking(listener) as (reader, writer), asyncio.timeout(60.0):
         writer.write(ASKED.replace(b"Host", b"Connection: close\r\nHost"))
@@ -191,7 +191,7 @@ async def test_resting_browser_is_not_cut_for_another_address() -> None:
         assert b"200" in await reader.readline()
 
 
-def cuts_all(listener: Listener) -> bool:
+def cuts_all(listener: HttpListener) -> bool:
     listener.cut_lingering()
     return listener.connections() == 0
 

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Writer
+from pointit.bridges.ros2.graph.backend import BackendHandle, Graph, Qos, RosType, Writer
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.map_parameters import FetchRequest, fetched
 from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
@@ -23,7 +23,7 @@ class Side:
     def __init__(self) -> None:
         self.now: dict[str, str] = {}
         self.writers: dict[str, Writer] = {}
-        self.ends: dict[str, Closable] = {}
+        self.ends: dict[str, BackendHandle] = {}
         self.heard_on: dict[str, list[str]] = {}
         self.asked: list[str] = []
         self.graph_now: Graph | None = None

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pointit_lab.loadtest.layout import Load, groups
+from pointit_lab.loadtest.layout import LoadParameters, groups
 from pointit_lab.loadtest.load_result import CapacitySearch, LinkUsage, LoadResult, Usage
 from tests.support.bench import until
 from tests.support.commands import Commands, Ended, onlooker
@@ -156,8 +156,8 @@ def test_the_search_ends_near_the_limit_and_never_above_it(limit: int) -> None:
     assert limit - search.carried <= max(1, limit // 8)
 
 
-def load(layout: Any, *connect: str) -> Load:
-    return Load(
+def load(layout: Any, *connect: str) -> LoadParameters:
+    return LoadParameters(
         rate_hz=100.0, duration_s=1.0, layout=layout, shards=2, router=None, secured=False, site="lab",
         connect=connect,
     )  # fmt: skip

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pointit_lab.loadtest.layout import Load, host_groups
+from pointit_lab.loadtest.layout import LoadParameters, host_groups
 from pointit_lab.loadtest.load_result import LoadResult, Usage
 from pointit_lab.loadtest.network.tree import router_of, spread, tree
 from pointit_lab.loadtest.slopes import PER_PERSON, LoadSlope, PartSlopes, fit, slopes
@@ -106,8 +106,8 @@ def test_cost_of_a_sample_counts_all_processes() -> None:
     assert one.us_per_sample == pytest.approx(290.0)
 
 
-def load(*, central: bool) -> Load:
-    return Load(
+def load(*, central: bool) -> LoadParameters:
+    return LoadParameters(
         rate_hz=100.0, duration_s=1.0, layout="one", shards=1, router="pointit", secured=False, site="lab",
         connect=(), hosts=2, routers=3, fan=2, central=central,
     )  # fmt: skip

@@ -10,7 +10,7 @@ from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.routing.site import Site
+from pointit.bridges.ros2.routing.site import RosSite
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
@@ -176,7 +176,7 @@ async def bench(types: Types, table: Routes | None = None, *, is_read: bool = Fa
     bus = ServiceBus(inner, clock, "ros2", "ros2")
     backend = FakeBackend(is_read=is_read)
     scene = ConversionState(types)
-    site = Site(bus=bus, clock=clock, backend=backend, state=scene)
+    site = RosSite(bus=bus, clock=clock, backend=backend, state=scene)
     table = table or routes()
     outbox = Outbox(table.outward, site)
     inbox = Inbox(table.inward, table.served, site)

@@ -10,14 +10,14 @@ import pytest
 from pointit.bridges.ros2.graph.backend import (
     LATCHED,
     SENSOR,
-    Closable,
+    BackendHandle,
     Endpoint,
     EndpointKind,
     Graph,
     Qos,
     RosType,
 )
-from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, Matching, findings
+from pointit.bridges.ros2.graph.findings import COUNTERPART, GraphFinding, Matching, findings
 from pointit.bridges.ros2.graph.node_backend import BackendWarnings, GraphMonitor
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import MAX_TOKENS, LivelinessDirectory, Seen
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
@@ -40,7 +40,7 @@ def end(
 
 def found(
     *endpoints: Endpoint, distro: str = "jazzy", matching: Matching = "definition"
-) -> dict[str, Finding]:
+) -> dict[str, GraphFinding]:
     graph = Graph(nodes=frozenset(), endpoints=frozenset(endpoints))
     result = findings(graph, domain=7, distro=distro, needs="they need this", matching=matching)
     assert len({each.about: each for each in result}) == len(result)
@@ -140,7 +140,7 @@ def test_another_pointit_is_named_and_its_domain_never_advised() -> None:
 
 def test_absence_of_other_nodes_is_a_note() -> None:
     assert found(end()) == {
-        "nobody": Finding(
+        "nobody": GraphFinding(
             about="nobody", is_note=True, sentence="no other ROS node is seen in domain 7: they need this"
         )
     }
@@ -246,7 +246,7 @@ async def test_failing_or_closing_watcher_does_not_block_others() -> None:
     made = outlook()
     seen = list[Graph]()
     closed = list[Graph]()
-    ends: list[Closable] = []
+    ends: list[BackendHandle] = []
 
     def failing(graph: Graph) -> None:
         if graph.nodes:

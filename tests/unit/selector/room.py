@@ -18,7 +18,7 @@ from pointit.schemas import (
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.selection_publisher import Output, Record
+from pointit.services.selector.selection_publisher import OutgoingMessage, Record
 
 START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (5.0, -3.0, 1.6)
@@ -110,7 +110,7 @@ class Room:
     def told(self) -> list[tuple[str, str, str]]:
         return [(event.event, event.object_id, event.user) for event in self.events]
 
-    def take(self, outputs: list[Output]) -> list[Output]:
+    def take(self, outputs: list[OutgoingMessage]) -> list[OutgoingMessage]:
         for output in outputs:
             message = output.message
             if isinstance(message, Hover):

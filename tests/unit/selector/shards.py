@@ -11,7 +11,7 @@ from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent, T
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal
 from pointit.services.selector.selection_engine import SelectionEngine, ShardEngine
-from pointit.services.selector.selection_publisher import Output, Record, event_of
+from pointit.services.selector.selection_publisher import OutgoingMessage, Record, event_of
 from tests.unit.selector.room import MAP, at, packages, pointing
 
 CONFIG: dict[str, object] = {"gauge": {"full_s": 0.3, "sparse_full_s": 0.3}, "reserve_s": 0.4, "lead_s": 0.0}
@@ -145,10 +145,10 @@ class ShardedSite:
         self.arbiter.restore(kept.entries, kept.events, self.now_ns, kept.decided)
         self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
         self.is_running = True
-        self.take([Output("", self.arbiter.selection(self.now_ns))])
+        self.take([OutgoingMessage("", self.arbiter.selection(self.now_ns))])
         for record in kept.unpublished:
             event = event_of(record, record.seq or 0, again=True)
-            self.take([] if event is None else [Output("", event)])
+            self.take([] if event is None else [OutgoingMessage("", event)])
         self.meet()
 
     def settle(self) -> None:
@@ -168,7 +168,7 @@ class ShardedSite:
         self.records.append(record)
         self._journal.add(record)
 
-    def _from_shard(self, user: str, outputs: list[Output]) -> None:
+    def _from_shard(self, user: str, outputs: list[OutgoingMessage]) -> None:
         for output in outputs:
             message = output.message
             if isinstance(message, Claim):
@@ -183,7 +183,7 @@ class ShardedSite:
                 assert isinstance(message, Feedback)
                 self.cues[user] += 1
 
-    def take(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[OutgoingMessage]) -> None:
         """Send what the arbiter returned, when the journal has it."""
         self._journal.commit(self.now_ns)
         for output in outputs:

@@ -8,7 +8,7 @@ from pointit.schemas import ActOutcome, ActResult, Feedback, SelectionEvent, Set
 from pointit.schemas.selection import NOT_DONE, REPORTED
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.selection_publisher import Output
+from pointit.services.selector.selection_publisher import OutgoingMessage
 from tests.unit.selector.room import at
 from tests.unit.selector.test_things import Things, thing
 
@@ -29,7 +29,7 @@ class Home(Things):
         self.report(*(states or (LAMP,)))
         self.take(self.engine.on_carrier("home", True, at(self.time_s)))
 
-    def take(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[OutgoingMessage]) -> None:
         super().take(outputs)
         for user, message in outputs:
             if isinstance(message, ActOutcome):

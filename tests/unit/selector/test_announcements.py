@@ -22,7 +22,7 @@ from pointit.schemas.topics import ANNOUNCED, CURSOR, OBJECTS, STEP
 from pointit.services.pui.tracked_objects import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine, ShardEngine
-from pointit.services.selector.selection_publisher import Output
+from pointit.services.selector.selection_publisher import OutgoingMessage
 from tests.support.bench import ManualClock
 from tests.unit.selector.room import at
 from tests.unit.selector.served import served
@@ -90,7 +90,7 @@ class Listener:
         self.take(self.engine.on_step(user, Step(stamp_ns=at(self.time_s), by=1 if by > 0 else -1, to=to)))
         return self.announced[-1][1] if len(self.announced) > before else ""
 
-    def take(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[OutgoingMessage]) -> None:
         for _, message in outputs:
             if isinstance(message, Announced):
                 assert message.began_ns in {0, message.stamp_ns}

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import SelectedObject
-from pointit.services.selector.ownership import Change, Ledger
+from pointit.services.selector.ownership import Ledger, ObjectChange
 from pointit.services.selector.selection_publisher import Owned
 
 HERE = frozenset("abc")
@@ -61,7 +61,7 @@ def test_failed_change_is_taken_back_once_also_after_a_restart() -> None:
         assert selected(each) == {}
 
 
-def events(changes: list[Change]) -> list[tuple[str, str]]:
+def events(changes: list[ObjectChange]) -> list[tuple[str, str]]:
     return [(record.event, record.object_id) for change in changes for record in change.records]
 
 

@@ -16,7 +16,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.roles import _done_message
 from pointit.services.selector.seen_objects import MAX_SOLIDS, SeenObjects
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.selection_publisher import Output
+from pointit.services.selector.selection_publisher import OutgoingMessage
 from tests.support import there
 from tests.unit.selector.room import MAP, at, package, packages, pointing
 
@@ -65,7 +65,7 @@ class Things:
         self.take(self.engine.on_button(user, event))
         return [(event.event, event.object_id) for event in self.events[before:]]
 
-    def take(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[OutgoingMessage]) -> None:
         for output in outputs:
             if isinstance(output.message, SelectionEvent):
                 self.events.append(output.message)

@@ -12,7 +12,7 @@ from pointit.schemas import (
     ThingStates,
     TrackedObject,
 )
-from pointit.services.selector.selection_publisher import Output
+from pointit.services.selector.selection_publisher import OutgoingMessage
 from tests.unit.selector.room import Room, at, package
 
 LEAD_S = 0.25
@@ -38,7 +38,7 @@ class Belt(Room):
         self.selecting.on_states("conveyor-sim", message, self.now_ns)
         self.selecting.on_carrier("conveyor-sim", True, self.now_ns)
 
-    def take(self, outputs: list[Output]) -> list[Output]:
+    def take(self, outputs: list[OutgoingMessage]) -> list[OutgoingMessage]:
         return super().take([each for each in outputs if not isinstance(each.message, ActOutcome)])
 
     def tell(self, text: str = "") -> None:

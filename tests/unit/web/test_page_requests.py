@@ -25,7 +25,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pointit.bridges.web import wire
 from pointit.bridges.web.devices import devices
 from pointit.bridges.web.devices.devices import update_stored
-from pointit.bridges.web.pages.arm_actions import Press, Speak, SpokenWord, StepBeside, Tremor
+from pointit.bridges.web.pages.arm_actions import ArmPress, ArmTremor, Speak, SpokenWord, StepBeside
 from pointit.bridges.web.pages.page_requests import (
     ACTIONS,
     OPERATORS,
@@ -190,9 +190,9 @@ def test_request_name_must_be_valid(name: str) -> None:
 
 def test_actions_have_validated_parameters() -> None:
     press = parse_request(ask(deed="press", name="anna", gesture="hold"), "operator")
-    assert press == PageAction(action=BY_NAME["press"], user="anna", parameters=Press(gesture="hold"))
+    assert press == PageAction(action=BY_NAME["press"], user="anna", parameters=ArmPress(gesture="hold"))
     tremor = parse_request(ask(deed="tremor", name="anna", rms_deg=1), "operator")
-    assert tremor == PageAction(action=BY_NAME["tremor"], user="anna", parameters=Tremor(rms_deg=1.0))
+    assert tremor == PageAction(action=BY_NAME["tremor"], user="anna", parameters=ArmTremor(rms_deg=1.0))
     step = parse_request(ask(deed="step", name="anna", by=-1), "wrist")
     assert step == PageAction(action=BY_NAME["step"], user="anna", parameters=StepBeside(by=-1))
 

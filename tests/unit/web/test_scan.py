@@ -14,7 +14,7 @@ from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.scan.scan_server import ScanServer
-from pointit.bridges.web.scan.session import ScanSession, Solution
+from pointit.bridges.web.scan.session import ScanSession, ScanSolution
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.wire import ScanStrip
 from pointit.bridges.web.server.access import Access
@@ -71,13 +71,13 @@ class Bench:
             raise self.fault
         self.shown.append((lit, for_s))
 
-    async def _solve(self, survey: Survey) -> Solution:
+    async def _solve(self, survey: Survey) -> ScanSolution:
         await self.may_solve.wait()
         self.solved.append(survey)
         if self.fault is not None:
             raise self.fault
         strips = (ScanStrip(name="shelf", pixels=20, line_m=LINE, sigma_m=0.004),)
-        return Solution(
+        return ScanSolution(
             thing=lambda said: ScanStrip(name=said.name, pixels=0, line_m=LINE, seen=2),
             strips=strips,
             is_complete=True,

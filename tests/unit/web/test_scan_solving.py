@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pointit.bridges.web.scan.session import Solution, marked_pixels
+from pointit.bridges.web.scan.session import ScanSolution, marked_pixels
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess, solution_of, solve_survey
 from pointit.bridges.web.scan.wire import ScanThing
@@ -60,11 +60,11 @@ def survey(views: int) -> Survey:
 
 
 @pytest.fixture(scope="module")
-def solution() -> Solution:
+def solution() -> ScanSolution:
     return solution_of(solve_survey(survey(4)), (WIDTH, HEIGHT))
 
 
-def test_solution_has_every_strip_and_lamp_with_its_uncertainty(solution: Solution) -> None:
+def test_solution_has_every_strip_and_lamp_with_its_uncertainty(solution: ScanSolution) -> None:
     assert solution.is_complete
     assert {strip.name: strip.pixels for strip in solution.strips} == COUNTS
     assert len(solution.cameras_m) == 4
@@ -74,7 +74,7 @@ def test_solution_has_every_strip_and_lamp_with_its_uncertainty(solution: Soluti
 
 @pytest.mark.parametrize("origin", ["shelf_high", "desk"])
 def test_map_origin_is_below_the_first_light_along_the_strip(
-    solution: Solution, origin: str, tmp_path: Path
+    solution: ScanSolution, origin: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(solution.map_text(origin, ()))
@@ -97,7 +97,7 @@ def test_map_origin_is_below_the_first_light_along_the_strip(
     assert length_m == pytest.approx(1.5, abs=0.01)
 
 
-def test_upright_strip_gives_an_origin_without_a_heading(solution: Solution, tmp_path: Path) -> None:
+def test_upright_strip_gives_an_origin_without_a_heading(solution: ScanSolution, tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(solution.map_text("door", ()))
     assert "x points" not in path.read_text()
@@ -113,7 +113,7 @@ def tapped(name: str, shape: str, places: list[Vec3], views: tuple[int, int] = (
     return ScanThing.model_validate({"name": name, "shape": shape, "corners": taps})
 
 
-def test_things_are_located_by_corners_tapped_in_two_views(solution: Solution, tmp_path: Path) -> None:
+def test_things_are_located_by_corners_tapped_in_two_views(solution: ScanSolution, tmp_path: Path) -> None:
     low = TRUE["shelf_low"]
     high = TRUE["shelf_high"]
     screen = tapped("front", "screen", [low[0], low[-1], high[0]])
@@ -142,7 +142,7 @@ def test_things_are_located_by_corners_tapped_in_two_views(solution: Solution, t
     ],
 )
 def test_taps_are_refused_when_they_give_no_thing(
-    solution: Solution, thing: ScanThing, sentence: str
+    solution: ScanSolution, thing: ScanThing, sentence: str
 ) -> None:
     with pytest.raises(RefusedError, match=sentence):
         there(solution.thing)(thing)

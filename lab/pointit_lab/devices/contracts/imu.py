@@ -13,7 +13,7 @@ from pointit.testing import FakeDevice, ImuSourceContract, PtyDevice
 RECORDED_S = 60
 
 
-class ImuRecording(FakeDevice):
+class RestRecording(FakeDevice):
     """A file with a recording of a sensor at rest, 10 samples a second."""
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class TestReplay(ImuSourceContract):
     virtual_time = True
     sends = False
     wrong_parameters = ({"recording": ""}, {"recording": "missing.csv"})
-    device = ImuRecording
+    device = RestRecording
 
 
 class TestPage(ImuSourceContract):

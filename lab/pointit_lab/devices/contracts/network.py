@@ -17,7 +17,7 @@ CALL_S = 0.1
 ANSWER = b"\x03Hey OVR =D 5"
 
 
-class SlimevrTracker(UdpDevice):
+class FakeSlimevrTracker(UdpDevice):
     """A SlimeVR tracker with one sensor: calls until it is answered."""
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class NetworkContract(ImuSourceContract):
 class TestSlimeVr(NetworkContract):
     plugin = SLIMEVR
     wrong_parameters = ({"tracker": "left wrist"}, {"sensor": -1}, {"port": 0})
-    device = SlimevrTracker
+    device = FakeSlimevrTracker
 
     encode = staticmethod(slimevr_rotation)
 

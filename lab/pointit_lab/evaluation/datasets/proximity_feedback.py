@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.datasets.plausible import FARTHEST_M, LONGEST_S, check_floor
-from pointit_lab.evaluation.recordings.table_file import Table, check_text, read_table, truncate
+from pointit_lab.evaluation.recordings.table_file import RecordingTable, check_text, read_table, truncate
 
 Phase = Literal["open_loop_reach", "open_loop_hold", "feedback_reach", "feedback_hold"]
 """Phases in this order; the spot is visible only in the last two."""
@@ -110,13 +110,13 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
         start_s += length_s
 
 
-def _target_m(table: Table, row: int) -> tuple[float, float]:
+def _target_m(table: RecordingTable, row: int) -> tuple[float, float]:
     x_m = float(table.numbers["target_x"][row])
     y_m = float(table.numbers["target_y"][row])
     return x_m, y_m
 
 
-def _length_s(table: Table, first: int, end: int) -> float:
+def _length_s(table: RecordingTable, first: int, end: int) -> float:
     """Return the duration of the trial in rows `first` to `end`, s, after checking that all rows agree."""
     columns: dict[str, NDArray[Any]] = {}
     for name in _SAME:
@@ -152,7 +152,7 @@ def _length_s(table: Table, first: int, end: int) -> float:
 
 
 def _phases(
-    table: Table, points_m: Array, trial: range, start_s: float
+    table: RecordingTable, points_m: Array, trial: range, start_s: float
 ) -> tuple[dict[Phase, Stretch], float]:
     """Return the phases of a `trial` in order, and their total duration."""
     first = trial.start
@@ -173,7 +173,7 @@ def _phases(
     return stretches, phase_start_s - start_s
 
 
-def _check_order(table: Table, names: Sequence[str], first: int) -> None:
+def _check_order(table: RecordingTable, names: Sequence[str], first: int) -> None:
     """Check the `names` of phases in the rows from `first`.
 
     Raises:
@@ -192,7 +192,7 @@ def _check_order(table: Table, names: Sequence[str], first: int) -> None:
         last = rank
 
 
-def _check_seconds(table: Table, phase: str, rows: NDArray[np.intp]) -> None:
+def _check_seconds(table: RecordingTable, phase: str, rows: NDArray[np.intp]) -> None:
     """Check the times of a `phase`, in `rows`.
 
     Raises:
@@ -214,7 +214,7 @@ def _check_seconds(table: Table, phase: str, rows: NDArray[np.intp]) -> None:
         raise table.refuse(int(rows[0]), f"column 't': {expected}, got {times[0]:g}")
 
 
-def _length_s(table: Table, first: int, end: int) -> float:
+def _length_s(table: RecordingTable, first: int, end: int) -> float:
     """Return the duration of the trial in rows `first` to `end`, s, after checking that all rows agree."""
     columns: dict[str, NDArray[Any]] = {name: table.numbers[name][first:end] for name in _SAME}
     columns["target_id"] = np.array(table.texts["target_id"][first:end])
@@ -247,7 +247,7 @@ def _length_s(table: Table, first: int, end: int) -> float:
 
 
 def _phases(
-    table: Table, points_m: Array, trial: range, start_s: float
+    table: RecordingTable, points_m: Array, trial: range, start_s: float
 ) -> tuple[dict[Phase, Stretch], float]:
     """Return the phases of a `trial` in order, and their total duration."""
     first = trial.start

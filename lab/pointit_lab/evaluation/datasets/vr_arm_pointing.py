@@ -20,7 +20,7 @@ from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets.plausible import check_reach
 from pointit_lab.evaluation.localization.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
 from pointit_lab.evaluation.localization.trial import LocalizationTrial, TrialReading
-from pointit_lab.evaluation.recordings.table_file import Table, is_file, read_table
+from pointit_lab.evaluation.recordings.table_file import RecordingTable, is_file, read_table
 
 NAME = "vr_arm_pointing"
 FILE = "endpoints.csv"
@@ -110,7 +110,7 @@ def read_acts(path: Path) -> Iterator[RecordedActs]:
         yield _acts_of(table.only(rows), subject)
 
 
-def _acts_of(table: Table, subject: str) -> RecordedActs:
+def _acts_of(table: RecordingTable, subject: str) -> RecordedActs:
     """Return the acts of `subject`; `table` has only their rows."""
     body = scaled_body(_stature_m(table))
     # a straight arm in the direction of the forearm
@@ -143,7 +143,7 @@ def _acts_of(table: Table, subject: str) -> RecordedActs:
     )
 
 
-def _stature_m(table: Table) -> float:
+def _stature_m(table: RecordingTable) -> float:
     """Return the median stature.
 
     Raises:
@@ -158,7 +158,7 @@ def _stature_m(table: Table) -> float:
     return float(np.median(statures_m))
 
 
-def _forearms(table: Table) -> Array:
+def _forearms(table: RecordingTable) -> Array:
     """Return the vectors (n x 3, m) from the middle of the forearm to the hand.
 
     Raises:

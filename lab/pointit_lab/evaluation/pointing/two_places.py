@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass
-class Result:
+class PlacesResult:
     """Errors of directions (°) from A, B and between; numbers of selections, and of acts on other lamps."""
 
     errors_deg: list[list[float]]
@@ -82,7 +82,7 @@ def room_of_lamps(rng: np.random.Generator) -> Array:
     return np.array(lamps)
 
 
-def run(seed: int, skill: float | None) -> Result:
+def run(seed: int, skill: float | None) -> PlacesResult:
     """Return the result of one person in one room; `skill` as of `user-sim`, None: random."""
     # the person, the IMU and the way to the second place, drawn in this order
     rng = np.random.default_rng(seed)
@@ -183,9 +183,9 @@ def judged(  # noqa: PLR0917 - the truth, and what is known of it
     eyes_m: float,
     error: OpenLoopError,
     rng: np.random.Generator,
-) -> Result:
+) -> PlacesResult:
     """Return errors and selections in the map `placed_m` of the lamps at `lamps_m`, in the same order."""
-    result = Result(errors_deg=[])
+    result = PlacesResult(errors_deg=[])
     mapped_m = np.array([placed_m[index] for index in sorted(placed_m)])
     mapped_second_m = np.array(mapped_second)
     # people point with their bias later, too
@@ -215,7 +215,7 @@ def _wrapped(angles_rad: Array) -> Array:
 
 
 def _select(
-    result: Result, seen: Array, mapped: Array, error: OpenLoopError, rng: np.random.Generator
+    result: PlacesResult, seen: Array, mapped: Array, error: OpenLoopError, rng: np.random.Generator
 ) -> None:
     """Select each lamp: the person presses when they hear or see that theirs is meant."""
     for index, lamp in enumerate(seen):

@@ -31,7 +31,7 @@ RESERVED = "all"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class RecordingTable:
     """The requested columns of a file."""
 
     path: Path
@@ -51,7 +51,7 @@ class Table:
         columns = [self.numbers[name] for name in names]
         return np.stack(columns, axis=1)
 
-    def only(self, rows: Sequence[int]) -> "Table":
+    def only(self, rows: Sequence[int]) -> "RecordingTable":
         """Return the table of these `rows`."""
         lines = [self.lines[row] for row in rows]
         numbers: dict[str, Array] = {}
@@ -60,7 +60,7 @@ class Table:
         texts: dict[str, list[str]] = {}
         for name, values in self.texts.items():
             texts[name] = [values[row] for row in rows]
-        return Table(path=self.path, lines=lines, numbers=numbers, texts=texts)
+        return RecordingTable(path=self.path, lines=lines, numbers=numbers, texts=texts)
 
     def rows_by(self, *names: str) -> dict[tuple[str, ...], list[int]]:
         """Return the rows that have the same texts in the columns `names`, in the order of the file."""
@@ -152,7 +152,7 @@ def check_text(where: str, name: str) -> str:
 
 def read_table(
     path: Path, *, numbers: Sequence[str], texts: Sequence[str] = (), gaps: Sequence[str] = ()
-) -> Table:
+) -> RecordingTable:
     """Return the columns `numbers` and `texts` of the CSV file at `path`; other columns are ignored.
 
     Args:
@@ -185,7 +185,7 @@ def read_table(
 
     # the table names the line of a cell that is no number
     text_cells = {name: cells[name] for name in texts}
-    table = Table(path=path, lines=lines, numbers={}, texts=text_cells)
+    table = RecordingTable(path=path, lines=lines, numbers={}, texts=text_cells)
     for name in numbers:
         may_be_empty = name in gaps
         table.numbers[name] = _numbers(table, name, cells[name], may_be_empty=may_be_empty)
@@ -237,7 +237,7 @@ def _rows(
     return lines, cells
 
 
-def _numbers(table: Table, name: str, cells: Sequence[str], *, may_be_empty: bool) -> Array:
+def _numbers(table: RecordingTable, name: str, cells: Sequence[str], *, may_be_empty: bool) -> Array:
     values = np.empty(len(cells))
     for row, text in enumerate(cells):
         if may_be_empty and not text:

@@ -33,7 +33,7 @@ from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.selection_publisher import Output
+from pointit.services.selector.selection_publisher import OutgoingMessage
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import SimulatedPerson
 
@@ -191,7 +191,7 @@ class World:
         if cue is not None:
             present.person.see(now_ns, cue, present.name)
 
-    def _route(self, outputs: Sequence[Output], events: list[SelectionEvent]) -> None:
+    def _route(self, outputs: Sequence[OutgoingMessage], events: list[SelectionEvent]) -> None:
         """Deliver the selector's outputs to their receivers."""
         now_ns = self.now_ns
         for output in outputs:

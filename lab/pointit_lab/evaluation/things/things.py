@@ -217,7 +217,7 @@ ROWS = _rows()
 
 
 @dataclass(frozen=True)
-class Result:
+class ReachResult:
     """End of one reach."""
 
     end: Literal["right", "wrong", "nothing"]
@@ -258,7 +258,7 @@ class ReachRow:
     """Mean probability stated of what fired."""
 
 
-def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
+def row_of(row: ThingRow, results: Sequence[ReachResult]) -> ReachRow:
     """Return the shares of reaches at which the right thing fired, a wrong one or none."""
     ends = Counter(result.end for result in results)
     took_s = [result.took_s for result in results if result.end == "right"]
@@ -278,14 +278,14 @@ def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
     )
 
 
-def reaches(config: SelectorConfig, piece: tuple[ThingRow, int, int]) -> list[Result]:
+def reaches(config: SelectorConfig, piece: tuple[ThingRow, int, int]) -> list[ReachResult]:
     """Return the results of one person each, for `count` seeds from the first on."""
     row, first, count = piece
     seeds = range(first, first + count)
     return [reach(row, config, seed) for seed in seeds]
 
 
-def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
+def reach(row: ThingRow, config: SelectorConfig, seed: int) -> ReachResult:
     """Return the result of one person's reach for one thing of `row`."""
     rng = np.random.default_rng([seed, row.count])
     environment = row.environment()
@@ -309,9 +309,9 @@ def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
                 person.see(time_s, message.object_id or None)
             elif isinstance(message, SelectionEvent) and message.event == "selected":
                 if message.object_id == goal:
-                    return Result("right", time_s, message.confidence)
-                return Result("wrong", time_s, message.confidence)
-    return Result("nothing", LIMIT_S, None)
+                    return ReachResult("right", time_s, message.confidence)
+                return ReachResult("wrong", time_s, message.confidence)
+    return ReachResult("nothing", LIMIT_S, None)
 
 
 def begin(row: ThingRow, rng: np.random.Generator) -> tuple[int, ArmReach]:

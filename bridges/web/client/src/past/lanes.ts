@@ -1,12 +1,12 @@
 /** Lanes of a timeline as shapes, and the events on them; pure. */
 
-import type { Lane } from "../wire";
+import type { TimelineLane } from "../wire";
 
 /** Width and height of a lane's drawing, which is stretched to its place. */
 export const WIDTH = 1000;
 export const HEIGHT = 10;
 
-export const LANE_NAMES: Record<Lane["kind"], string> = {
+export const LANE_NAMES: Record<TimelineLane["kind"], string> = {
   interaction: "State",
   robot: "Robot",
   hover: "Hover",
@@ -17,7 +17,7 @@ export const LANE_NAMES: Record<Lane["kind"], string> = {
   warnings: "Warnings",
 };
 
-type Item = Lane["items"][number];
+type Item = TimelineLane["items"][number];
 
 /** Outline of intervals, and of instants as lines without a width, for a path whose stroke is not stretched. */
 export function outline(items: readonly Item[], length: number): string {
@@ -28,7 +28,7 @@ export function outline(items: readonly Item[], length: number): string {
 }
 
 /** What a step to the next event stops at: selections, refusals, misses, warnings and changes of state, in order. */
-export function events(lanes: readonly Lane[]): { at: number; text: string }[] {
+export function events(lanes: readonly TimelineLane[]): { at: number; text: string }[] {
   const found = lanes
     .filter(({ kind }) => kind !== "hover")
     .flatMap(({ user, items }) =>
@@ -42,7 +42,7 @@ const SAME_S = 0.005;
 
 /** The event after the position, or before it with `by` < 0; null: there is none. Those of one time are one. */
 export function eventFrom(
-  lanes: readonly Lane[],
+  lanes: readonly TimelineLane[],
   at: number,
   by: number,
 ): { at: number; text: string } | null {
@@ -55,7 +55,7 @@ export function eventFrom(
 }
 
 /** Text of the item at the position, or of the nearest one that is not further than `reach`; else "". */
-export function textAt({ items }: Lane, at: number, reach: number): string {
+export function textAt({ items }: TimelineLane, at: number, reach: number): string {
   let best = "";
   let least = reach;
   for (const [start, end, text] of items) {

@@ -6,10 +6,14 @@ import { decodeBatch, Pending } from "../site/batch";
 import { note } from "../site/log";
 import { emptySite, isHeard, position } from "../site/site";
 import { SiteClock } from "../site/timing";
-import type { Lane } from "../wire";
+import type { TimelineLane } from "../wire";
 import { clock, eventFrom, outline, spoken, textAt, ticks } from "./lanes";
 
-const lane = (kind: Lane["kind"], user: string, ...items: Lane["items"]): Lane => ({ kind, user, items });
+const lane = (kind: TimelineLane["kind"], user: string, ...items: TimelineLane["items"]): TimelineLane => ({
+  kind,
+  user,
+  items,
+});
 const LANES = [
   lane("interaction", "anna", [1, 20, "pointing"]),
   lane("hover", "anna", [2, 3, "red 7"], [8, 9, "red 8"]),

@@ -4,7 +4,7 @@ import type { Controls } from "../controls";
 import { el, icon, mark, renew, show, write } from "../dom";
 import { time } from "../format";
 import { position } from "../site/site";
-import type { Lane } from "../wire";
+import type { TimelineLane } from "../wire";
 import { clock, eventFrom, HEIGHT, LANE_NAMES, outline, spoken, textAt, ticks, WIDTH } from "./lanes";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
@@ -159,7 +159,12 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
     tip.style.top = `${track.getBoundingClientRect().top - top - tip.offsetHeight - 5}px`;
   }
 
-  function row(lane: Lane, index: number, before: Lane | undefined, length: number): HTMLElement {
+  function row(
+    lane: TimelineLane,
+    index: number,
+    before: TimelineLane | undefined,
+    length: number,
+  ): HTMLElement {
     const drawing = document.createElementNS(SVG, "svg");
     for (const [attribute, value] of Object.entries({
       viewBox: `0 0 ${WIDTH} ${HEIGHT}`,

@@ -219,6 +219,6 @@ async def test_the_default_address_gives_way(commands: Commands) -> None:
     with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", 7447)):  # or another process has it
         run = commands.start("run", "scenario_2", "--no-view", "--duration", "600")
         await run.says("tcp/127.0.0.1:7447 is in use, probably by another run; listening at tcp/127.0.0.1:")
-        await run.says("each of two runs on a machine a --site NAME of its own")
+        await run.says("start one of two runs on a machine with --site NAME")
         await run.says("scenario_2 of site lab at tcp/127.0.0.1:")
         assert (await run.stop()).code == 0

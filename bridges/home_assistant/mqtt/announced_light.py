@@ -31,6 +31,7 @@ MAX_ENTITY = 100
 """Characters of the name of an entity that are taken from an announcement."""
 ON_COMMAND_TYPES = ("last", "first", "brightness")
 AVAILABILITY_MODES = ("latest", "all", "any")
+MAX_AVAILABILITIES = 20
 UNKNOWN = "unknown"
 _NOT_OF_ENTITIES = re.compile(r"[^a-z0-9_]")
 _NOT_OF_TOPICS = re.compile(r"[#+\x00]")
@@ -234,7 +235,12 @@ class AnnouncedLight:
             unavailable = _word_of(entry.get("payload_not_available", "offline"))
             if available is None or unavailable is None:
                 raise self._refusal("has an availability without words")
-            listed.append(Availability(text(entry.get("topic")), template, available, unavailable))
+            topic = text(entry.get("topic"))
+            if _NOT_OF_TOPICS.search(topic):
+                raise self._refusal("has an availability `topic` that is no topic")
+            listed.append(Availability(topic, template, available, unavailable))
+            if len(listed) > MAX_AVAILABILITIES:
+                raise self._refusal(f"has more than {MAX_AVAILABILITIES} topics of availability")
         return listed
 
     def _read_scale(self) -> int:

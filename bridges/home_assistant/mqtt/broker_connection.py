@@ -43,6 +43,8 @@ ACK_S = 5.0
 OURS_S = 5.0
 """Time after a command in which a report of the light counts as its answer, s. As in Home Assistant."""
 MAX_LIGHTS = 500
+MAX_TOPICS = 10 * MAX_LIGHTS
+"""Limit of the topics that are read, also of those of lights that have been announced otherwise since."""
 MAX_PAYLOAD_BYTES = 100_000
 """Limit of a message. Longer ones are left out."""
 MAX_REFUSAL = 300
@@ -189,7 +191,8 @@ class BrokerConnection:
             try:
                 light = light_of(config)
             except RefusedError as error:
-                self._refusals[topic] = one_line(str(error), MAX_REFUSAL)
+                if len(self._refusals) < MAX_LIGHTS:
+                    self._refusals[topic] = one_line(str(error), MAX_REFUSAL)
                 continue
             lights[light.entity] = light
 
@@ -223,9 +226,12 @@ class BrokerConnection:
 
     async def _subscribe_to(self, light: AnnouncedLight) -> None:
         topics = sorted(light.topics)
-        self._subscribed.update(topics)
         if not topics:
             return
+        if len(self._subscribed.union(topics)) > MAX_TOPICS:
+            log.warning("%s: more than %d topics, %s is not read", self._broker, MAX_TOPICS, light.name)
+            return
+        self._subscribed.update(topics)
         problem = await self._client.subscribe([(topic, 0) for topic in topics], optional=topics)
         if problem:
             log.warning("%s: %s", light.name, problem)

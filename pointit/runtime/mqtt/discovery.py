@@ -104,13 +104,16 @@ def availabilities(fields: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
 
 
 def json_value(payload: object) -> object:
-    """Return the value of a message in JSON, or None."""
+    """Return the value of a message in JSON, or None, also if it has texts that no message may have."""
     if not isinstance(payload, bytes | bytearray):
         return None
     try:
-        return json.loads(payload)
+        value = json.loads(payload)
+        # Half of a surrogate pair is a text of JSON, but neither of MQTT nor of our messages
+        json.dumps(value, ensure_ascii=False).encode()
     except (ValueError, RecursionError):
         return None
+    return value
 
 
 def text(value: object) -> str:
@@ -140,30 +143,38 @@ def _light_config(name: str, fields: Mapping[str, Any]) -> LightConfig:
 
 def _full_names(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Return an object with full names of its keys, also in its device, origin and availability."""
-    full: dict[str, Any] = {}
-    for key, value in fields.items():
-        full[ABBREVIATIONS.get(key, key)] = value
+    full = _renamed(fields)
     for key in ("device", "origin", "availability"):
         value = full.get(key)
         if isinstance(value, dict):
-            full[key] = _full_names(mapping(value))
+            full[key] = _renamed(mapping(value))
         elif key == "availability" and isinstance(value, list):
-            full[key] = [_full_names(mapping(item)) for item in items(value)]
+            full[key] = [_renamed(mapping(item)) for item in items(value)]
     return full
+
+
+def _renamed(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an object with full names of its own keys: others may nest objects as deep as they like."""
+    return {ABBREVIATIONS.get(key, key): value for key, value in fields.items()}
 
 
 def _with_base(fields: Mapping[str, Any], base: str) -> dict[str, Any]:
     """Return `fields` with the base topic in place of `~` at the start or end of topics."""
+    full = _with_base_topics(fields, base)
+    listed = fields.get("availability")
+    if isinstance(listed, dict):
+        full["availability"] = _with_base_topics(mapping(listed), base)
+    elif isinstance(listed, list):
+        full["availability"] = [_with_base_topics(mapping(item), base) for item in items(listed)]
+    return full
+
+
+def _with_base_topics(fields: Mapping[str, Any], base: str) -> dict[str, Any]:
     full: dict[str, Any] = {}
     for key, value in fields.items():
         full[key] = value
         if key == "topic" or key.endswith("_topic"):
             full[key] = _with_base_topic(text(value), base)
-    listed = fields.get("availability")
-    if isinstance(listed, dict):
-        full["availability"] = _with_base(mapping(listed), base)
-    elif isinstance(listed, list):
-        full["availability"] = [_with_base(mapping(item), base) for item in items(listed)]
     return full
 
 

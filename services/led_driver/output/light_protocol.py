@@ -41,7 +41,7 @@ def command(color: Rgb) -> bytes:
     return json.dumps(message, separators=(",", ":")).encode()
 
 
-class AnnouncedLight(NamedTuple):
+class DiscoveredLight(NamedTuple):
     """A light that takes commands in JSON."""
 
     name: str
@@ -75,19 +75,19 @@ def is_online(payload: bytes, online: str, offline: str) -> bool | None:
     return None
 
 
-def announced_lights(topic: str, payload: object, prefix: str) -> list[AnnouncedLight]:
+def announced_lights(topic: str, payload: object, prefix: str) -> list[DiscoveredLight]:
     """Return the lights that a message announces, whatever it holds. `prefix` is Home Assistant's."""
     # Zigbee2MQTT announces all its devices in one message
     if topic.endswith(DEVICES):
         return list(_zigbee_lights(topic.removesuffix(DEVICES), json_value(payload)))
 
-    lights: list[AnnouncedLight] = []
+    lights: list[DiscoveredLight] = []
     for config in light_configs(topic, payload, prefix):
         lights += _light(config.fields)
     return lights
 
 
-def _zigbee_lights(base: str, devices: object) -> Iterator[AnnouncedLight]:
+def _zigbee_lights(base: str, devices: object) -> Iterator[DiscoveredLight]:
     for item in items(devices):
         device = mapping(item)
         name = text(device.get("friendly_name"))
@@ -105,10 +105,10 @@ def _zigbee_lights(base: str, devices: object) -> Iterator[AnnouncedLight]:
             continue
         has_color = bool(features & {"color_xy", "color_hs"})
         topic = f"{base}/{name}"
-        yield AnnouncedLight(name, f"{topic}/set", f"{topic}/availability", has_color)
+        yield DiscoveredLight(name, f"{topic}/set", f"{topic}/availability", has_color)
 
 
-def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
+def _light(config: Mapping[str, Any]) -> Iterator[DiscoveredLight]:
     """Yield the light of `config`, if it takes JSON."""
     topic = text(config.get("command_topic"))
     if config.get("schema") != "json" or not topic:
@@ -124,4 +124,4 @@ def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
     offline = text(entry.get(WORDS["offline"]))
     modes = {text(mode) for mode in items(config.get("supported_color_modes"))}
     has_color = bool(modes & COLOR_MODES)
-    yield AnnouncedLight(name, topic, availability, has_color, online, offline)
+    yield DiscoveredLight(name, topic, availability, has_color, online, offline)

@@ -33,7 +33,7 @@ from pointit.services.led_driver.output.light_protocol import (
     OFFLINE,
     ONLINE,
     WORDS,
-    AnnouncedLight,
+    DiscoveredLight,
     announced_lights,
     announcement_topics,
     is_online,
@@ -409,7 +409,7 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
     """Return the lamps on one broker, and the broker itself if it shows none; nothing if there is none."""
     from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
-    lights: dict[str, AnnouncedLight] = {}
+    lights: dict[str, DiscoveredLight] = {}
     prefix = discovery_prefix()
     address = host if port == PORT else f"{host}:{port}"
     server: dict[str, Any] = {"hostname": host, "port": port}
@@ -449,7 +449,7 @@ async def _encrypting_broker(host: str, port: int, address: str, seconds: float)
     return [FoundDevice(url, "MQTT broker that encrypts: write the name that its certificate has")]
 
 
-def _lamp_device(address: str, light: AnnouncedLight) -> FoundDevice:
+def _lamp_device(address: str, light: DiscoveredLight) -> FoundDevice:
     kind = "lamp with colour" if light.has_color else "lamp without colour"
     details = {
         "name": light.name,

@@ -245,3 +245,37 @@ def test_announcements_and_reports_of_any_content_raise_no_other_error(config: A
                 lamp.on_message(own, json.dumps(report).encode())
             assert lamp.state["state"] in ("on", "off", "unknown", "unavailable")
             assert lamp.commands(is_on=True)
+
+
+HOSTILE = [
+    b'{"unique_id": "\\ud800", "command_topic": "a"}',
+    b'{"name": "\\udfff", "command_topic": "a", "payload_on": "\\ud800"}',
+    b'{"command_topic": "a", "device": ' + b'{"device": ' * 900 + b"1" + b"}" * 900 + b"}",
+    b'{"command_topic": "a", "availability": ' + b'{"availability": ' * 900 + b"1" + b"}" * 900 + b"}",
+    b'{"~": "b", "command_topic": "~", "availability": ' + b"[" * 900 + b"]" * 900 + b"}",
+    b"\xff\xfe{}",
+]
+"""Announcements of a writer who wants to stop the service."""
+
+
+@pytest.mark.parametrize("payload", HOSTILE)
+def test_hostile_announcement_raises_no_other_error(payload: bytes) -> None:
+    for config in light_configs("homeassistant/light/lamp/config", payload, PREFIX):
+        try:
+            lamp = light_of(config)
+        except RefusedError:
+            continue
+        lamp.entity.encode()
+        for command in lamp.commands(is_on=True):
+            command.payload.encode()
+
+
+@pytest.mark.parametrize("topic", ["#", "a/+/b", "a#b", "nul\x00"])
+def test_availability_on_a_filter_in_place_of_a_topic_is_refused(topic: str) -> None:
+    with pytest.raises(RefusedError, match="Lamp cannot be used: it has an availability `topic` that is no"):
+        light(availability=[{"topic": topic}])
+
+
+def test_light_with_too_many_availability_topics_is_refused() -> None:
+    with pytest.raises(RefusedError, match="has more than 20 topics of availability"):
+        light(availability=[{"topic": f"gateway/{number}"} for number in range(21)])

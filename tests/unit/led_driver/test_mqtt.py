@@ -15,7 +15,7 @@ from pointit.runtime.mqtt.broker_client import BrokerClient
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.lamp_commands import DARK, LampCommands
 from pointit.services.led_driver.output.light_protocol import (
-    AnnouncedLight,
+    DiscoveredLight,
     announced_lights,
     announcement_topics,
     command,
@@ -69,13 +69,13 @@ def test_command_has_a_hue_at_full_value_and_a_brightness(color: Rgb, expected: 
             ZIGBEE_TOPIC,
             ZIGBEE,
             [
-                AnnouncedLight(
+                DiscoveredLight(
                     "kitchen/desk",
                     "zigbee2mqtt/kitchen/desk/set",
                     "zigbee2mqtt/kitchen/desk/availability",
                     True,
                 ),
-                AnnouncedLight(
+                DiscoveredLight(
                     "bulb", "zigbee2mqtt/bulb/set", "zigbee2mqtt/bulb/availability", has_color=False
                 ),
             ],
@@ -83,38 +83,38 @@ def test_command_has_a_hue_at_full_value_and_a_brightness(color: Rgb, expected: 
         (
             "homeassistant/light/strip/main/config",
             ESPHOME,
-            [AnnouncedLight("Strip", "strip/light/main/command", "strip/status", has_color=True)],
+            [DiscoveredLight("Strip", "strip/light/main/command", "strip/status", has_color=True)],
         ),
         (
             "homeassistant/light/lamp/config",
             BASE,
-            [AnnouncedLight("Lamp", "home/lamp/set", "home/lamp/status", has_color=False)],
+            [DiscoveredLight("Lamp", "home/lamp/set", "home/lamp/status", has_color=False)],
         ),
         (
             "homeassistant/device/panel/config",
             DEVICE,
-            [AnnouncedLight("Panel", "panel/set", "", has_color=True)],
+            [DiscoveredLight("Panel", "panel/set", "", has_color=True)],
         ),
         (
             "homeassistant/light/spot/config",
             TASMOTA,
-            [AnnouncedLight("Spot", "cmnd/spot/Json", "tele/spot/LWT", False, "Online", "Offline")],
+            [DiscoveredLight("Spot", "cmnd/spot/Json", "tele/spot/LWT", False, "Online", "Offline")],
         ),
         (
             "homeassistant/light/bar/config",
             OWN_WORDS,
-            [AnnouncedLight("Bar", "bar/set", "bar/state", False, "here", "away")],
+            [DiscoveredLight("Bar", "bar/set", "bar/state", False, "here", "away")],
         ),
         (
             "homeassistant/device/shelf/config",
             SHARED,
-            [AnnouncedLight("Shelf", "shelf/set", "shelf/link", False, "up")],
+            [DiscoveredLight("Shelf", "shelf/set", "shelf/link", False, "up")],
         ),
         ("homeassistant/light/lamp/state", BASE, []),
     ],
 )
 def test_lights_that_take_json_are_found_in_announcements(
-    topic: str, payload: str, expected: list[AnnouncedLight]
+    topic: str, payload: str, expected: list[DiscoveredLight]
 ) -> None:
     assert announced_lights(topic, payload.encode(), "homeassistant") == expected
     own = topic.replace("homeassistant/", "house/ha/")

@@ -15,6 +15,7 @@ from pointit.bridges.home_assistant.home_action import UNAVAILABLE
 from pointit.bridges.home_assistant.mqtt.value_template import NONE, ValueTemplate
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.mqtt.discovery import (
+    MAX_TEXT,
     LightConfig,
     availabilities,
     items,
@@ -23,10 +24,13 @@ from pointit.runtime.mqtt.discovery import (
     name_of,
     text,
 )
+from pointit.schemas.text import one_line
 
 SCHEMAS = ("default", "basic", "json")
 """Values of `schema`; `basic` is the former name of `default`."""
 MAX_BRIGHTNESS = 255
+MAX_SCALE = 1_000_000
+"""Limit of `brightness_scale`. Lights have up to 65 535."""
 MAX_ENTITY = 100
 """Characters of the name of an entity that are taken from an announcement."""
 ON_COMMAND_TYPES = ("last", "first", "brightness")
@@ -34,7 +38,12 @@ AVAILABILITY_MODES = ("latest", "all", "any")
 MAX_AVAILABILITIES = 20
 UNKNOWN = "unknown"
 _NOT_OF_ENTITIES = re.compile(r"[^a-z0-9_]")
-_NOT_OF_TOPICS = re.compile(r"[#+\x00]")
+_NOT_OF_TOPICS = re.compile(
+    "^\\$share/|[#+\\x00-\\x1f\\x7f-\\x9f\\ufdd0-\\ufdef"
+    + "".join(chr(plane * 0x10000 + last) for plane in range(17) for last in (0xFFFE, 0xFFFF))
+    + "]"
+)
+"""Wildcards, filters that clients share, and characters for which brokers may end the connection."""
 
 
 class LightCommand(NamedTuple):
@@ -68,7 +77,7 @@ class AnnouncedLight:
         self._fields = config.fields
         self.entity = entity_of(config.key)
         """Name of the entity: the same as long as the light has the same `unique_id`."""
-        self.name = name_of(config.fields) or config.key
+        self.name = one_line(name_of(config.fields) or config.key, MAX_TEXT)
         device = mapping(config.fields.get("device"))
         self.area = text(device.get("suggested_area"))
         self._is_group = text(device.get("model")) == "Group"  # of Zigbee2MQTT: its lamps may differ
@@ -128,6 +137,11 @@ class AnnouncedLight:
     def is_known(self) -> bool:
         """Return True if it has reported whether it is on."""
         return self._is_on is not None
+
+    @property
+    def can_dim(self) -> bool:
+        """Return True if a brightness can be commanded."""
+        return bool(self._brightness_topic) and "brightness_command_template" not in self._fields
 
     @property
     def state(self) -> dict[str, Any]:
@@ -201,10 +215,8 @@ class AnnouncedLight:
     @property
     def _brightness(self) -> int | None:
         """Return its brightness, 1 to 255, or None if it has none that can be set exactly."""
-        can_dim = bool(self._brightness_topic) and "brightness_command_template" not in self._fields
-        return self._brightness_of_level() if can_dim else None
-
-    def _brightness_of_level(self) -> int | None:
+        if not self.can_dim:
+            return None
         is_exact = self._scale <= MAX_BRIGHTNESS
         if not is_exact or not self._level or not self._is_on:
             return None
@@ -247,6 +259,8 @@ class AnnouncedLight:
         scale = self._fields.get("brightness_scale", MAX_BRIGHTNESS)
         if type(scale) is not int or scale < 1:
             raise self._refusal("has a `brightness_scale` that is no number above 0")
+        if scale > MAX_SCALE:
+            raise self._refusal(f"has a `brightness_scale` above {MAX_SCALE}")
         return scale
 
     def _topic(self, key: str) -> str:
@@ -290,7 +304,12 @@ class AnnouncedJsonLight(AnnouncedLight):
         origin = mapping(self._fields.get("origin"))
         self._is_zigbee = text(origin.get("name")) == "Zigbee2MQTT"
         modes = {text(mode) for mode in items(self._fields.get("supported_color_modes"))}
-        self._can_dim = modes != {"onoff"}
+        self._has_levels = modes != {"onoff"}
+
+    @property
+    def can_dim(self) -> bool:
+        """Return True if a brightness can be commanded."""
+        return self._has_levels
 
     @property
     def request(self) -> LightCommand | None:
@@ -318,10 +337,6 @@ class AnnouncedJsonLight(AnnouncedLight):
         if "effect" in message:
             self._effect = text(message["effect"])
 
-    @property
-    def _brightness(self) -> int | None:
-        return self._brightness_of_level() if self._can_dim else None
-
 
 def light_of(config: LightConfig) -> AnnouncedLight:
     """Return the light of an announcement. Raises RefusedError: it cannot be switched as it is announced."""
@@ -330,7 +345,7 @@ def light_of(config: LightConfig) -> AnnouncedLight:
         return AnnouncedJsonLight(config)
     if schema in SCHEMAS:
         return AnnouncedLight(config)
-    name = name_of(config.fields) or config.key
+    name = one_line(name_of(config.fields) or config.key, MAX_TEXT)
     shown_schema = text(schema) or "no text"
     raise RefusedError(
         f"{name} cannot be used: its `schema` is {shown_schema}, and PointIt knows default and json; "

@@ -279,3 +279,21 @@ def test_availability_on_a_filter_in_place_of_a_topic_is_refused(topic: str) -> 
 def test_light_with_too_many_availability_topics_is_refused() -> None:
     with pytest.raises(RefusedError, match="has more than 20 topics of availability"):
         light(availability=[{"topic": f"gateway/{number}"} for number in range(21)])
+
+
+@pytest.mark.parametrize("topic", ["$share/all//lamp", "line\nbreak", "csi\x9b", "end\uffff", "\U0001fffe"])
+@pytest.mark.parametrize("key", ["command_topic", "state_topic", "brightness_state_topic"])
+def test_topic_for_which_brokers_end_connections_is_refused(key: str, topic: str) -> None:
+    with pytest.raises(RefusedError, match=f"it has a `{key}` that is no topic"):
+        light(**{key: topic})
+
+
+def test_scale_of_400_digits_is_refused() -> None:
+    payload = b'{"command_topic": "a", "brightness_scale": 1' + b"0" * 400 + b"}"
+    with pytest.raises(RefusedError, match="`brightness_scale` above"):
+        announced("homeassistant/light/lamp/config", payload)
+
+
+def test_name_with_line_breaks_is_one_line() -> None:
+    lamp = light(name="Lamp\nERROR the door is open")
+    assert "\n" not in lamp.name

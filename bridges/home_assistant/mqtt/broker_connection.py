@@ -20,7 +20,12 @@ from pointit.bridges.home_assistant.home_connection import (
     ActionRefusedError,
     NoHomeAssistantError,
 )
-from pointit.bridges.home_assistant.mqtt.announced_light import AnnouncedLight, LightCommand, light_of
+from pointit.bridges.home_assistant.mqtt.announced_light import (
+    MAX_BRIGHTNESS,
+    AnnouncedLight,
+    LightCommand,
+    light_of,
+)
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.mqtt.broker import (
     client_options,
@@ -146,11 +151,14 @@ class BrokerConnection:
             raise ActionRefusedError(
                 f"{light.name} on {self._broker} can be switched and dimmed, not {call.service}", BROKER_CODE
             )
+        brightness = call.data.get("brightness")
+        if brightness is not None:
+            _check_brightness(light, brightness)
 
         # The context first: the light may answer before the broker acknowledges
         entry.context = f"pointit-{next(self._contexts)}"
         entry.command_s = self._loop.time()
-        for command in light.commands(is_on=is_on, brightness=call.data.get("brightness")):
+        for command in light.commands(is_on=is_on, brightness=brightness):
             await self._publish(command, light.name)
         before = self._state_of(entry)
         if light.assume(is_on=is_on):
@@ -171,7 +179,7 @@ class BrokerConnection:
                     continue
                 if topic in self._subscribed:
                     self._on_report(topic, payload)
-                elif topic.endswith(CONFIG):
+                if topic.endswith(CONFIG):  # also if a light names it as its own: it would hide another
                     await self._on_announcement(topic, payload, is_retained=message.retain)
         raise NoHomeAssistantError(f"the connection to {self._broker} is lost: wait")
 
@@ -275,6 +283,20 @@ class BrokerConnection:
             yield
         except (MqttError, BrokerError) as error:
             raise NoHomeAssistantError(f"{self._broker}: {describe_error(error, has_user=True)}") from error
+
+
+def _check_brightness(light: AnnouncedLight, brightness: object) -> None:
+    """Check that a light can be dimmed to what a map has. Raises ActionRefusedError."""
+    if not light.can_dim:
+        raise ActionRefusedError(
+            f"{light.name} cannot be dimmed as it is announced: leave `brightness` out in the map",
+            BROKER_CODE,
+        )
+    if type(brightness) is not int or not 1 <= brightness <= MAX_BRIGHTNESS:
+        raise ActionRefusedError(
+            f"{light.name} has no such brightness: write a number from 1 to {MAX_BRIGHTNESS} in the map",
+            BROKER_CODE,
+        )
 
 
 @contextlib.asynccontextmanager

@@ -1,6 +1,5 @@
 """Lights on a broker, whatever clients publish there and maps want of them."""
 
-import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Sequence
 from typing import Any, cast
@@ -54,12 +53,9 @@ async def read(client: ScriptedClient) -> BrokerConnection:
     return connection
 
 
-def test_light_that_reports_on_announcements_hides_no_other() -> None:
-    async def run() -> None:
-        connection = await read(ScriptedClient([("other", OTHER), ("desk", DESK)]))
-        assert (await connection.states()).keys() == {"light.other", "light.desk"}
-
-    asyncio.run(run())
+async def test_light_that_reports_on_announcements_hides_no_other() -> None:
+    connection = await read(ScriptedClient([("other", OTHER), ("desk", DESK)]))
+    assert (await connection.states()).keys() == {"light.other", "light.desk"}
 
 
 @pytest.mark.parametrize(
@@ -74,22 +70,16 @@ def test_light_that_reports_on_announcements_hides_no_other() -> None:
         (DIMMER, True),
     ],
 )
-def test_brightness_that_cannot_be_set_is_refused(announcement: bytes, brightness: object) -> None:
-    async def run() -> None:
-        client = ScriptedClient([("desk", announcement)])
-        connection = await read(client)
-        with pytest.raises(ActionRefusedError, match=r"brightness.* in the map"):
-            await connection.call(ServiceCall("light.desk", "light", "turn_on", {"brightness": brightness}))
-        assert client.published == []
-
-    asyncio.run(run())
+async def test_brightness_that_cannot_be_set_is_refused(announcement: bytes, brightness: object) -> None:
+    client = ScriptedClient([("desk", announcement)])
+    connection = await read(client)
+    with pytest.raises(ActionRefusedError, match=r"brightness.* in the map"):
+        await connection.call(ServiceCall("light.desk", "light", "turn_on", {"brightness": brightness}))
+    assert client.published == []
 
 
-def test_brightness_of_a_map_is_sent_to_a_dimmer() -> None:
-    async def run() -> None:
-        client = ScriptedClient([("desk", DIMMER)])
-        connection = await read(client)
-        await connection.call(ServiceCall("light.desk", "light", "turn_on", {"brightness": 100}))
-        assert client.published == [("desk/level", "100"), ("desk/set", "ON")]
-
-    asyncio.run(run())
+async def test_brightness_of_a_map_is_sent_to_a_dimmer() -> None:
+    client = ScriptedClient([("desk", DIMMER)])
+    connection = await read(client)
+    await connection.call(ServiceCall("light.desk", "light", "turn_on", {"brightness": 100}))
+    assert client.published == [("desk/level", "100"), ("desk/set", "ON")]

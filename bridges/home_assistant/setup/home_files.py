@@ -91,6 +91,16 @@ class HomeFiles:
         """Return the file with the password of the broker at `url`, or with the token of a Home Assistant."""
         return self.password if is_broker_url(url) else self.token
 
+    def secret_written_ns(self, url: str) -> int | None:
+        """Return the time at which the secret of `url` was written, ns, or None if it needs or has none."""
+        needs_secret = "@" in url or not is_broker_url(url)
+        if not needs_secret:
+            return None
+        try:
+            return self.secret_of(url).stat().st_mtime_ns
+        except OSError:
+            return None
+
 
 def with_home_assistant(text: str, url: str, secret_file: Path) -> str:
     """Return the parameters in `text` with a Home Assistant or broker, or without one if `url` is empty.

@@ -82,6 +82,13 @@ class PlacedLamp(_Stored):
     direction_sigma_rad: float
 
 
+class UsedSecret(_Stored):
+    """Address to which a token or password was sent, and the time (ns) at which its file was written."""
+
+    url: str
+    written_ns: int
+
+
 class StoredSetup(_Stored):
     """The set-up of a home as it is stored."""
 
@@ -89,6 +96,8 @@ class StoredSetup(_Stored):
     url: str = ""
     has_home: bool = True
     """False if the person has said that there is no Home Assistant."""
+    secrets: dict[str, UsedSecret] = {}
+    """Use of each file with a token or password, by its name."""
     offered: tuple[str, ...] = ()
     """Ids of all lamps that there were when some were chosen."""
     lamps: tuple[ChosenLamp, ...] = ()
@@ -226,6 +235,22 @@ class SetupProgress:
     def connect(self, url: str) -> None:
         """Use the Home Assistant at `url`. Its lamps are chosen once it is connected."""
         self._change(url=url, has_home=True, step="connect")
+
+    def use_secret(self, name: str, url: str, written_ns: int) -> None:
+        """Note that the token or password in the file `name` is sent to `url`.
+
+        Raises:
+            RefusedError: If it was given for another address: nobody gets it but whom it was given for.
+        """
+        used = self.state.secrets.get(name)
+        secret = UsedSecret(url=url, written_ns=written_ns)
+        if used is not None:
+            is_unwritten = used.written_ns == written_ns
+            if is_unwritten and used != secret:
+                raise RefusedError(
+                    f"the stored token or password is that of {used.url}: give that of the new address, too"
+                )
+        self._change(secrets={**self.state.secrets, name: secret})
 
     def on_connected(self) -> None:
         """Go on to the choice of lamps, since the token was accepted."""

@@ -129,7 +129,8 @@ class SetupSession:
         # A broker without a user name asks for no password
         broker = BrokerConfig(broker=state.url)
         values = broker.model_dump(include={"broker", "tls", "username"})
-        values["password_file"] = secret if broker.username and Path(secret).exists() else ""
+        has_password = bool(broker.username) and Path(secret).exists()
+        values["password_file"] = secret if has_password else ""
         return config.model_copy(update={"url": "", "token_file": "", **values})
 
     @property
@@ -193,7 +194,11 @@ class SetupSession:
 
     def _set_address(self, query: SetUpHome) -> None:
         if query.act == "connect":
-            self.progress.connect(_checked_url(query.url))
+            url = _checked_url(query.url)
+            written_ns = self.files.secret_written_ns(url)
+            if written_ns is not None:
+                self.progress.use_secret(self.files.secret_of(url).name, url, written_ns)
+            self.progress.connect(url)
         else:
             self.progress.without_home()
         self._entities_s = -math.inf

@@ -209,6 +209,26 @@ async def test_wrong_token_is_reported_and_another_one_tried_at_once(
     assert TOKEN not in files.site.read_text() + files.state.path.read_text()
 
 
+async def test_stored_token_is_sent_to_no_other_address(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = with_token(tmp_path)
+    async with cards(home_of_two(), tmp_path, monkeypatch) as (_bench, shown):
+        await shown.act("connect", url="http://home.local:8123")
+        await shown.until("choose")
+        refusal = "is that of http://home.local:8123: give that of the new address"
+        with pytest.raises(RefusedError, match=refusal):
+            await shown.act("connect", url="http://elsewhere:8123")
+        await shown.act("without")
+        with pytest.raises(RefusedError, match=refusal):
+            await shown.act("connect", url="http://elsewhere:8123")
+        assert "elsewhere" not in files.site.read_text()
+
+        # A token that is given again may be for the new address
+        files.token.write_text(TOKEN)
+        assert (await shown.act("connect", url="http://elsewhere:8123")).url == "http://elsewhere:8123"
+
+
 async def test_press_without_movement_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,4 @@
-"""Fixtures for unit tests: asynchronous ones run in virtual time, services report often."""
+"""Fixtures for unit tests: asynchronous ones run in virtual time; in real time, services report often."""
 
 import asyncio
 from collections.abc import Callable
@@ -18,6 +18,10 @@ def pytest_asyncio_loop_factories(item: pytest.Item) -> dict[str, Callable[[], a
 
 
 @pytest.fixture(autouse=True)
-def frequent_health(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have services report often, so that who waits for a report waits for the report alone."""
-    monkeypatch.setattr(service, "HEALTH_PERIOD_S", 0.05)
+def frequent_health(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have services report often in real time, so that who waits for a report does not wait for the clock.
+
+    In virtual time that wait costs nothing, and each report costs a millisecond.
+    """
+    if request.node.get_closest_marker("wall_time") is not None:
+        monkeypatch.setattr(service, "HEALTH_PERIOD_S", 0.05)

@@ -72,7 +72,7 @@ async def test_connected_light_and_wrist_come_back_in_the_next_run(
         await dialog.get_by_role("button", name="Next").click()
         await page.get_by_role("button", name="Begin").click()
         dialog = page.get_by_role("dialog")
-        await expect(dialog.get_by_role("status")).to_contain_text("Point straight up")
+        await expect(dialog.get_by_role("status")).to_contain_text("point straight up")
         wrist.orientation = RAISED
         await expect(dialog.get_by_role("status")).to_have_text("It sits as assumed.")
         wrist.orientation = IDENTITY

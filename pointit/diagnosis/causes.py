@@ -198,14 +198,15 @@ def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
     findings: list[Finding] = []
     explained: list[Finding] = []
     unexplained = list(symptoms)
-    people = sorted({_claimant(symptom) for symptom in symptoms} - {""})
+    claimants = {symptom: _claimant(symptom) for symptom in symptoms}
+    people = sorted({*claimants.values()} - {""})
     steps = [("", explanation) for explanation in EXPLANATIONS]
     for person in people:
         steps += [(person, explanation) for explanation in OF_ONE_PERSON]
 
     # Deepest causes first: each explanation sees only what those before it have not explained
     for person, explanation in steps:
-        considered = tuple(symptom for symptom in unexplained if _claimant(symptom) == person)
+        considered = tuple(symptom for symptom in unexplained if claimants[symptom] == person)
         for cause in explanation(considered, seen):
             findings.append(cause.finding)
             affected_person = person or person_of(cause.finding.service)

@@ -3,6 +3,7 @@
 import errno
 import os
 import re
+import socket
 import unicodedata
 from collections.abc import Iterable, Sequence
 
@@ -31,7 +32,8 @@ SECRET_NAME = re.compile(
 LANGUAGE = r"^([A-Za-z]{2,3}(-[A-Za-z0-9]{2,8}){0,3})?$"
 """Pattern of the tag of a language, such as `de` or `en-GB`, or of `""`."""
 _SPACE = re.compile(r"\s+")
-_ERROR_NUMBER = re.compile(r"\[Errno -?\d+\] ")
+_NUMBERS = re.compile(r"\[Errno -?\d+\] |\[[A-Z\d_]+: [A-Z\d_]+\] | \(_ssl\.c:\d+\)")
+"""Numbers of errors of the system, and names and places of those of OpenSSL."""
 _WEB_ADDRESS = re.compile(r"\b(https?|wss?)://([^\s'\"<>`]{1,4096})", re.IGNORECASE)
 _HOST = re.compile(r"(\[[^\]]*\]|[^:]*)(:\d*)?")
 _NAME = r"(?:token|passw(?:or)?d|passphrase|secret|(?:api|access|private)[_-]?key)s?"
@@ -94,10 +96,15 @@ def first_of(names: Iterable[str], most: int) -> str:
 
 
 def system_reason(error: BaseException, most: int = LONGEST_SENTENCE) -> str:
-    """Return the reason of an error of the system or a connection, without error numbers and addresses."""
-    if isinstance(error, OSError) and error.errno in errno.errorcode:
+    """Return the reason of an error of the system or a connection, without error numbers and addresses.
+
+    Text for people has an `OSError` by this function only: `str(error)` begins with `[Errno 111]`.
+    """
+    # Errors of names and of TLS have numbers of their own. An import of ssl would take 27 ms.
+    has_own_numbers = isinstance(error, socket.gaierror) or type(error).__module__ == "ssl"
+    if isinstance(error, OSError) and error.errno in errno.errorcode and not has_own_numbers:
         return os.strerror(error.errno).lower()
-    return one_line(_ERROR_NUMBER.sub("", str(error)), most) or "no answer"  # several addresses were tried
+    return one_line(_NUMBERS.sub("", str(error)), most) or "no answer"  # several addresses were tried
 
 
 def one_line(text: str, most: int = LONGEST_SENTENCE) -> str:

@@ -27,7 +27,7 @@ from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.plugins import ListenError, format_address
 from pointit.runtime.host.name_lookup import resolve
 from pointit.schemas.catalogue.json_channel import Schema
-from pointit.schemas.text import one_line
+from pointit.schemas.text import one_line, system_reason
 
 log = logging.getLogger(__name__)
 
@@ -261,7 +261,7 @@ class Server:
         try:
             listening_port = await self._relay.open(host, port)
         except OSError as error:
-            problem = error.strerror or error
+            problem = system_reason(error)
             raise ListenError(
                 f"cannot listen on {host} port {port} for viewers ({problem}); end what "
                 "listens there, or give another --port or --host"

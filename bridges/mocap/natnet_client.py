@@ -18,6 +18,7 @@ from pointit.runtime.datagram_search import BROADCAST, open_datagram_socket, sea
 from pointit.runtime.host.name_lookup import found_addresses, look_up
 from pointit.schemas import NS_PER_S
 from pointit.schemas.message_age import message_age_ns
+from pointit.schemas.text import system_reason
 
 MAX_ECHOES = 20
 """Number of echoes that are compared."""
@@ -341,7 +342,9 @@ class NatNetClient(asyncio.DatagramProtocol):
                 await self._receive()
             except OSError as error:
                 server = self._session.server
-                self._warn(f"{server} cannot be reached ({error}): correct `server` or `interface`")
+                self._warn(
+                    f"{server} cannot be reached ({system_reason(error)}): correct `server` or `interface`"
+                )
             await asyncio.sleep(RETRY_S)
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:

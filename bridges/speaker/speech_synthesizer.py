@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S, Speech, Understood
+from pointit.schemas.text import system_reason
 
 PROGRAM = "espeak-ng"
 VOICE_REMEDY = f"choose another language (`{PROGRAM} --voices`)"
@@ -122,7 +123,7 @@ class SpeechSynthesizer:
             is_whole = True
             self._report_output(output.decode(errors="replace"))
         except OSError as error:
-            reason = error.strerror or error
+            reason = system_reason(error)
             self._report_output(f"error: {reason}")
         finally:
             is_audible = is_whole or self._clock.now_ns() - began_ns >= MIN_SPOKEN_NS

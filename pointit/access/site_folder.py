@@ -31,6 +31,7 @@ from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.state_file import read_limited, write_atomically
 from pointit.runtime.host.store import acquire_lock
 from pointit.runtime.link.link import CA, CERTIFICATE, KEY, LINK, PASSWORD, LinkFile
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import check_name
 
 if TYPE_CHECKING:
@@ -161,10 +162,7 @@ def locked(folder: Path) -> Generator[None]:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         lock = acquire_lock(folder / LOCK)
     except (OSError, sqlite3.Error) as error:
-        reason: object = error
-        if isinstance(error, OSError) and error.strerror:
-            reason = error.strerror
-        raise ConfigError(f"{folder}: cannot be written ({reason})") from error
+        raise ConfigError(f"{folder}: cannot be written ({system_reason(error)})") from error
     if lock is None:
         raise ConfigError(f"{folder}: another process is changing it; try again in a moment")
     with contextlib.closing(lock):

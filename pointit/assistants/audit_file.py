@@ -10,6 +10,7 @@ from typing import Any
 from pointit.assistants.results import MAX_SENTENCE, plain
 from pointit.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import site_folder
+from pointit.schemas.text import system_reason
 
 FOLDER = "assistants"
 FILE = "audit.jsonl"
@@ -58,7 +59,7 @@ class AuditFile:
                 file.write(b"\n" * is_cut_off + line.encode() + b"\n")
         except OSError as error:
             raise PointItError(
-                f"the audit cannot be written, so nothing is done: {error.strerror or error}; make room, or "
+                f"the audit cannot be written, so nothing is done: {system_reason(error)}; make room, or "
                 f"see who may write {self._path}"
             ) from error
 

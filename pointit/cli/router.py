@@ -20,6 +20,7 @@ from pointit.runtime.router import Router, raise_file_limit, running_router
 from pointit.runtime.router_log import captured_log
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_options, run_until_shutdown
+from pointit.schemas.text import system_reason
 
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files beside a router configuration of `pointit site` that it refers to."""
@@ -108,9 +109,10 @@ def _of_file(path: Path) -> Router:
     def make() -> str:
         try:
             return path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "it is not text"
-            raise ConfigError(f"{path}: cannot be read ({reason})") from error
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be read ({system_reason(error)})") from error
+        except UnicodeDecodeError as error:
+            raise ConfigError(f"{path}: cannot be read (it is not text)") from error
 
     beside = [path.parent / name for name in BESIDE]
     return Router(make, path.parent, [path, *beside])

@@ -12,6 +12,7 @@ from click.shell_completion import BashComplete, FishComplete, ShellComplete, Zs
 from pointit.cli.common.lazy import COMPLETE
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import replaced_file
+from pointit.schemas.text import system_reason
 
 SHELLS: dict[str, type[ShellComplete]] = {"bash": BashComplete, "zsh": ZshComplete, "fish": FishComplete}
 ZSH_SETUP = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }\n"
@@ -89,7 +90,7 @@ def _change(files: CompletionFiles, change: Callable[[CompletionFiles], None]) -
         change(files)
     except OSError as error:
         raise ConfigError(
-            f"{error.filename}: cannot be written ({error.strerror}); print the script with --print"
+            f"{error.filename}: cannot be written ({system_reason(error)}); print the script with --print"
         ) from error
 
 

@@ -26,6 +26,7 @@ from pointit.commands import (
     show,
 )
 from pointit.runtime.host.extras import has_extra
+from pointit.schemas.text import system_reason
 from pointit.study.check import StudyFinding, check_folder
 from pointit.study.lsl import check_lsl
 from pointit.study.model import Study, read_study
@@ -220,7 +221,7 @@ def report(*, folder: Path, to: Path | None) -> None:
                 part.write_text(text, encoding="utf-8")
         tables = study_report.write_all_trials(folder, target)
     except OSError as error:
-        raise ConfigError(f"{target}: cannot be written ({error.strerror or error})") from error
+        raise ConfigError(f"{target}: cannot be written ({system_reason(error)})") from error
 
     # Paths on standard output are for programs
     for note in page.notes_of(study):

@@ -30,6 +30,7 @@ from pointit.runtime.host.unpacking import (
     copy_zstd,
     unpack_zstd,
 )
+from pointit.schemas.text import system_reason
 
 try:
     from rosbags.rosbag2 import Reader, storage_mcap
@@ -312,7 +313,7 @@ def _temporary_folder(path: Path, stack: ExitStack) -> Path:
         return Path(stack.enter_context(tempfile.TemporaryDirectory()))
     except OSError as error:
         raise ConfigError(
-            f"{path}: is packed, and no temporary folder can be written ({error.strerror or error}): set "
+            f"{path}: is packed, and no temporary folder can be written ({system_reason(error)}): set "
             "TMPDIR to a folder that can be, or unpack the file by `zstd -d` and give that one"
         ) from error
 

@@ -39,6 +39,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserPose,
 )
+from pointit.schemas.text import system_reason
 from pointit.site.site_state import ActResults
 
 BIDS_VERSION = "1.10.0"
@@ -124,7 +125,7 @@ def export_bids(
         finally:
             shutil.rmtree(staging, ignore_errors=True)
     except OSError as error:
-        raise ConfigError(f"{folder}: cannot be written ({error.strerror or error})") from error
+        raise ConfigError(f"{folder}: cannot be written ({system_reason(error)})") from error
     by_name = {f"{path}": count for path, count in rows.items()}
     return Exported(rows=by_name, left_out=dict(recorded.left_out))
 

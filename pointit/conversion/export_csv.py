@@ -32,7 +32,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.base import SchemaModel
-from pointit.schemas.text import first_of
+from pointit.schemas.text import first_of, system_reason
 
 Cell = str | int | float | None
 
@@ -252,7 +252,7 @@ class Tables:
             folder.mkdir(parents=True, exist_ok=True)
             earlier = sorted(name for name in self._names if (folder / name).exists())
         except OSError as error:
-            raise ConfigError(f"{folder}: cannot be used as a folder ({error.strerror or error})") from error
+            raise ConfigError(f"{folder}: cannot be used as a folder ({system_reason(error)})") from error
         if earlier and not overwrite:
             raise ConfigError(
                 f"{folder}: has {first_of(earlier, 1)}; give another folder, or --overwrite to replace tables"
@@ -343,7 +343,7 @@ def export_csv(
             export.end()
             return Exported(rows=tables.rows, left_out=dict(export.left_out))
     except OSError as error:
-        raise ConfigError(f"{folder}: cannot be written ({error.strerror or error})") from error
+        raise ConfigError(f"{folder}: cannot be written ({system_reason(error)})") from error
 
 
 class _Export:

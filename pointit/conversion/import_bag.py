@@ -39,6 +39,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.base import KeyNameError
 from pointit.schemas.pointing import SurfaceKind
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import MAP, check_name
 
 Taken = Iterator[Entry]
@@ -358,7 +359,7 @@ class Bag:
                     yield entry(began_ns, MAP, "", self.room.model_copy(update={"stamp_ns": began_ns}))
                 yield from self._read(bag)
         except OSError as error:
-            raise ConfigError(f"{self.path}: cannot be read ({error.strerror or error})") from error
+            raise ConfigError(f"{self.path}: cannot be read ({system_reason(error)})") from error
 
     def _read(self, bag: OpenBag) -> Iterator[Entry]:
         types = Types("jazzy")

@@ -22,6 +22,7 @@ from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.name_lookup import lan_addresses, resolve
 from pointit.runtime.host.state_file import create_atomically, site_folder, write_atomically
 from pointit.runtime.service.service import AnyService, Launch, Scope, Service
+from pointit.schemas.text import system_reason
 from pointit.services import registry
 
 log = logging.getLogger(__name__)
@@ -72,16 +73,18 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[PageTokens, Sequen
     """
     path = site_folder(site, PAGE) / FILE
     notes: list[str] = []
+    problem = ""
     if not renew:
         try:
             return _read_or_create(path), ()
         except FileNotFoundError:  # it cannot be created
             pass
-        except (OSError, ValueError) as error:
-            reason = str(error)
-            if isinstance(error, OSError):
-                reason = error.strerror or reason
-            notes.append(f"the page has a new link, the old one is revoked: {path} {reason}")
+        except OSError as error:
+            problem = f"cannot be read ({system_reason(error)})"
+        except ValueError as error:
+            problem = str(error)
+        if problem:
+            notes.append(f"the page has a new link, the old one is revoked: {path} {problem}")
 
     # Without a file, the next start has other tokens: the link ends with the run
     tokens = PageTokens()
@@ -330,7 +333,7 @@ def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> i
         try:
             return _probe(host, candidate)
         except OSError as error:
-            reason = error.strerror or str(error)
+            reason = system_reason(error)
     shown = f"{candidates[0]}"
     if not is_asked:
         shown = f"{candidates[0]} to {candidates[-1]}"

@@ -29,6 +29,7 @@ from pointit.maps.text_table import (
 from pointit.maps.units import UP_AXES
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import system_reason
 
 Points = NDArray[np.float64]
 
@@ -126,7 +127,7 @@ def read_points(path: Path, columns: Wanted = XYZ) -> Points:
             raise ConfigError(f"{path}: is not a file; give the file itself")
         points = _read_ply(path, columns) if suffix == ".ply" else _read_text(path, columns)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be read ({system_reason(error)})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not UTF-8 text; save it as UTF-8, or as a binary .ply") from error
 

@@ -27,6 +27,7 @@ from pointit.runtime.config.yaml_file import (
 )
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import part_of_file, rename_to_new
+from pointit.schemas.text import system_reason
 
 _Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
 """Puts text in quotes that is another value in YAML 1.1, which PyYAML reads, or in 1.2, which we read."""
@@ -70,7 +71,7 @@ def write_new(path: Path, text: str | bytes) -> None:
     except FileExistsError as error:
         raise ConfigError(f"{path}: exists already; choose another name or move it away") from error
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be written ({system_reason(error)})") from error
 
 
 def quoted(text: str) -> str:

@@ -23,7 +23,7 @@ from pointit.recording.head import FORMAT, METADATA, Head
 from pointit.recording.writer import MAX_CHANNELS
 from pointit.schemas import NS_PER_S, DecodeError
 from pointit.schemas.catalogue.json_channel import from_json
-from pointit.schemas.text import first_problem
+from pointit.schemas.text import first_problem, system_reason
 
 MAX_SCHEMAS = 1000
 """Maximum number of schemas in a recording: one for each row of the topic table."""
@@ -222,7 +222,7 @@ class Recording:
                 file.close()
                 raise
         except OSError as error:
-            problem = error.strerror or error
+            problem = system_reason(error)
             raise RecordingError(f"{path} cannot be read: {problem}") from error
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import found_addresses
+from pointit.schemas.text import system_reason
 
 BROADCAST = "255.255.255.255"
 MAX_FOUND = 1000
@@ -79,5 +80,5 @@ async def search_by_datagrams(
         remedy = "check this machine's network"
         if port:
             remedy = f"end other programs on UDP port {port}"
-        raise ConfigError(f"{name} cannot be searched ({error}); {remedy}") from error
+        raise ConfigError(f"{name} cannot be searched ({system_reason(error)}); {remedy}") from error
     return [results[address] for address in sorted(results)]

@@ -14,7 +14,7 @@ from pointit.maps.model import MAX_PIXELS
 from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
-from pointit.schemas.text import describe_mistake
+from pointit.schemas.text import describe_mistake, system_reason
 from pointit.schemas.topics import check_name
 
 MAX_VIEWS = 64
@@ -126,7 +126,7 @@ def read_survey(path: Path) -> Survey:
         with path.open("rb") as file:
             data = file.read(MAX_FILE + 1).removeprefix(codecs.BOM_UTF8)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be read ({system_reason(error)})") from error
     if len(data) > MAX_FILE:
         raise ConfigError(f"{path}: more than {MAX_FILE} bytes: no file of views")
     try:

@@ -40,7 +40,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
-from pointit.schemas.text import round_beyond
+from pointit.schemas.text import round_beyond, system_reason
 from pointit.sim.implausible_positions import (
     find_implausible_positions,
     plausible_axes,
@@ -502,7 +502,7 @@ def _read_text(path: Path) -> str:
             )
         text = path.read_text("utf-8-sig")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be read ({system_reason(error)})") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not UTF-8 text; save it as CSV in UTF-8") from error
     if "\0" in text:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from pointit.errors import ConfigError
 from pointit.runtime.clock import Clock
 from pointit.schemas import NS_PER_S
+from pointit.schemas.text import system_reason
 from pointit.speech.recogniser import RATE_HZ
 
 log = logging.getLogger(__name__)
@@ -151,7 +152,7 @@ def _file_content(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise ConfigError(f"{path}: no WAV file that can be read: {error.strerror or error}") from error
+        raise ConfigError(f"{path}: no WAV file that can be read: {system_reason(error)}") from error
     if len(data) > MAX_BYTES:
         raise ConfigError(f"{path}: has more than {MAX_BYTES >> 20} MB; cut it into pieces")
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":

@@ -9,6 +9,7 @@ from typing import Any
 
 from pointit.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import write_atomically
+from pointit.schemas.text import system_reason
 from pointit.study.table_file import REMEDY, Row, parse_table, spreadsheet_row, table_line
 
 
@@ -45,7 +46,7 @@ class AppendOnlyCsv:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b", buffering=0)
         except OSError as error:
-            raise ConfigError(f"{path}: cannot be used ({error.strerror or error})") from error
+            raise ConfigError(f"{path}: cannot be used ({system_reason(error)})") from error
         with contextlib.ExitStack() as unless_used:
             unless_used.callback(self._file.close)
             _lock(self._file, path)
@@ -97,7 +98,7 @@ class AppendOnlyCsv:
             write_atomically(aside, tail, mode=0o644, durable=True)
             self._file.truncate(self.path.stat().st_size - len(tail))
         except OSError as error:
-            raise ConfigError(f"{aside}: cannot be written ({error.strerror or error})") from error
+            raise ConfigError(f"{aside}: cannot be written ({system_reason(error)})") from error
         on_note(f"{self.path}: the last row was cut off and is moved to {aside.name}.")
 
     def _check_unchanged(self, fresh: Sequence[Row]) -> None:
@@ -139,7 +140,7 @@ class AppendOnlyCsv:
             os.fsync(file.fileno())
         except OSError as error:
             written = 0
-            reason = error.strerror
+            reason = system_reason(error)
         else:
             reason = "no space left"
 

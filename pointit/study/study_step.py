@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from pointit.errors import ConfigError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.yaml_file import written_text
+from pointit.schemas.text import system_reason
 
 MAX_BYTES = 16 * 1024 * 1024
 """Maximum size of a picture."""
@@ -53,7 +54,7 @@ def _picture(name: str, folder: Path) -> Picture:
         is_small = path.stat().st_size <= MAX_BYTES
         content = path.read_bytes() if path.is_file() and is_small else b""
     except OSError as error:
-        raise ConfigError(f"image {name}: {path} cannot be read ({error.strerror or error})") from error
+        raise ConfigError(f"image {name}: {path} cannot be read ({system_reason(error)})") from error
     except (RuntimeError, ValueError) as error:  # links in a circle; a null character
         raise ConfigError(f"image {name!r}: cannot be read ({error})") from error
     kind = _media_type(content)

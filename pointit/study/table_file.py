@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, get_args
 
 from pointit.conversion.export_csv import neutralize_formula, restore_formula
 from pointit.errors import ConfigError
+from pointit.schemas.text import system_reason
 
 Outcome = Literal["hit", "wrong", "timeout", "skipped"]
 Row = dict[str, str]
@@ -100,7 +101,7 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be read ({system_reason(error)})") from error
 
     # What follows the last line end was cut off while it was written.
     cut = content.rfind(b"\n") + 1

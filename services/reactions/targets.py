@@ -24,7 +24,7 @@ from pointit.runtime.host.extras import pointit_version, remedy
 from pointit.runtime.service.carrier import Act, ActFailedError, check_things
 from pointit.schemas import Environment, ThingState
 from pointit.schemas.selection import FailureCode
-from pointit.schemas.text import hide_secrets, one_line
+from pointit.schemas.text import hide_secrets, one_line, system_reason
 
 if TYPE_CHECKING:
     import httpx
@@ -125,7 +125,7 @@ class Program:
                 *arguments, stdin=nothing, stdout=output, stderr=output, start_new_session=True
             )
         except OSError as error:
-            reason = error.strerror or error
+            reason = system_reason(error)
             raise ActFailedError("error", f"{name} could not be started ({reason})") from error
 
         # Wait for its end. The start of a program that runs for long is reported
@@ -238,8 +238,9 @@ class Webhook:
                         )
                         return "error", problem
                     except OSError as error:
+                        reason = system_reason(error)
                         problem = (
-                            f"was not sent, as the file of SSL_CERT_FILE cannot be used ({error}): correct it"
+                            f"was not sent: the file of SSL_CERT_FILE cannot be used ({reason}): correct it"
                         )
                         return "error", problem
                     async with pool:

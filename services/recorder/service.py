@@ -14,6 +14,7 @@ from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.problems import UNWRITABLE
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import ANY, IMU, PRESENCES, RAY, SERVICE_ALIVE, TOPICS, WRIST, Presence
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.sink import Arrival, Pseudonyms, Sink
@@ -51,7 +52,7 @@ class Recorder(Service[RecorderConfig]):
             tempfile.TemporaryFile(dir=folder).close()  # permissions alone do not tell, such as root's
         except OSError as error:
             place = config.file or folder
-            reason = error.strerror or error
+            reason = system_reason(error)
             raise ConfigError(f"{place}: cannot be written ({reason}); record in another folder") from error
 
         # Each part of a key except placeholders selects topics

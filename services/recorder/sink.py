@@ -23,6 +23,7 @@ from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import Configuration, DecodeError, Deployment, Message, ServedRequest
 from pointit.schemas.system import RUN
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import DEPLOYMENT, USER_ALIVE, Delivery, Presence, Topic
 
 log = logging.getLogger(__name__)
@@ -209,7 +210,7 @@ class FileSeries:
         try:
             self._file, self._writer = self._open(head)
         except OSError as error:
-            problem = f"{path} cannot be written ({error.strerror})"
+            problem = f"{path} cannot be written ({system_reason(error)})"
             raise ConfigError(f"{problem}; give another file to record") from error
 
     def __enter__(self) -> Self:
@@ -358,11 +359,11 @@ class Sink:
             with self._files:
                 self._write_all()
         except Exception as error:
-            reason = str(error) or type(error).__name__
-            if not isinstance(error, OSError):
+            if isinstance(error, OSError):
+                reason = system_reason(error)
+            else:
+                reason = str(error) or type(error).__name__
                 log.exception("the recorder's thread has failed")
-            elif error.strerror:
-                reason = error.strerror
             self._count_as_reader()
             self._end(
                 f"{self.path}: {reason}; nothing more is recorded, "

@@ -262,7 +262,7 @@ def test_a_result_that_cannot_be_written_ends_it(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(RecordingWriter, "add", full)
     result = invoke(RECORDINGS / "lamps.mcap", "--to", tmp_path / "out.mcap")
-    assert "out.mcap: cannot be written (No space left on device)" in str(result.exception)
+    assert "out.mcap: cannot be written (no space left on device)" in str(result.exception)
     assert not list(tmp_path.iterdir())
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import system_reason
 
 NamesAndTypes = Sequence[tuple[str, Sequence[str]]]
 MessageInfo = Mapping[str, Any]
@@ -27,6 +28,8 @@ RosContext = Any
 ServiceClass = Any
 """Python class of a service type, `std_srvs.srv.Empty`."""
 
+MAX_CHARACTERS = 200
+"""Limit of the reason for which rclpy does not load."""
 ACTION_PARTS = {
     "SendGoal": "SendGoalService",
     "GetResult": "GetResultService",
@@ -94,8 +97,7 @@ def loaded() -> Rclpy:
         if isinstance(error, ModuleNotFoundError) and error.name == "rclpy":
             problem = f"there is no rclpy for this Python {python}"
         else:
-            first_line = str(error).partition("\n")[0]
-            problem = f"rclpy does not load in this Python {python} ({first_line[:200]})"
+            problem = f"rclpy does not load in this Python {python} ({system_reason(error, MAX_CHARACTERS)})"
         distro = os.environ.get("ROS_DISTRO") or "jazzy"
         raise ConfigError(
             f"backend.kind dds: {problem}; run `source /opt/ros/{distro}/setup.bash` and start PointIt with "

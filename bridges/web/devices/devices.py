@@ -32,6 +32,7 @@ from pointit.schemas.topics import SHOW_PIXELS
 if TYPE_CHECKING:
     from pointit.bridges.web.devices.search import FoundDevices
 from pointit.bridges.web.devices.run_command import JsonObject, run_command
+from pointit.schemas.text import system_reason
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +68,7 @@ def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         lock = acquire_lock(lock_path, LOCK_TIMEOUT_S)
     except (OSError, sqlite3.Error) as error:
-        raise ConfigError(f"{path}: cannot be locked ({error})") from error
+        raise ConfigError(f"{path}: cannot be locked ({system_reason(error)})") from error
     if lock is None:
         raise ConfigError(f"{path}: another process is changing it; try again in a moment")
     with contextlib.closing(lock):

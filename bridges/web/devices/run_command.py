@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from pointit.runtime.host.state_file import VARIABLE, state_directory
+from pointit.schemas.text import system_reason
 
 JsonObject = dict[str, Any]
 
@@ -64,7 +65,7 @@ async def _run_child(
             process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends it
         )
     except OSError as error:
-        return f"no process could be started: {error.strerror or error}"
+        return f"no process could be started: {system_reason(error)}"
     reason = ""
 
     # The reason for a failure is the last line with `Error: `, or the last line if there is none

@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from pointit.runtime.host.state_file import write_atomically
+from pointit.schemas.text import system_reason
 
 VALID = dt.timedelta(days=397)
 """Validity; browsers reject longer ones."""
@@ -69,7 +70,7 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
         is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
         reason = "it is damaged"
         if not is_read:
-            reason = str(getattr(error, "strerror", "") or error)
+            reason = system_reason(error)
         warning = (
             f"{folder}: the page's certificate could not be used ({reason}); a new one was made, "
             "which browsers warn of again"

@@ -26,6 +26,7 @@ from pointit.bridges.web.server.paced_websocket import PacedWebSocket
 from pointit.runtime.address_config import format_address
 from pointit.runtime.errors import ListenError
 from pointit.runtime.host.name_lookup import resolve
+from pointit.schemas.text import system_reason
 
 log = logging.getLogger(__name__)
 
@@ -87,9 +88,8 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
     except (OSError, OverflowError) as error:
         if listener is not None:
             listener.close()
-        reason = getattr(error, "strerror", None) or str(error)
         raise ListenError(
-            f"port {port} of {host} is not available for the page ({reason}); "
+            f"port {port} of {host} is not available for the page ({system_reason(error)}); "
             f"end what uses it, or choose another with {option} (0: any that is free)"
         ) from error
     listener.setblocking(False)
@@ -256,7 +256,7 @@ class HttpListener:
             except ConnectionError:
                 continue  # gone again already
             except OSError as error:
-                log.warning("port %d accepts no connections for now: %s", self.port, error.strerror or error)
+                log.warning("port %d accepts no connections for now: %s", self.port, system_reason(error))
                 await asyncio.sleep(REST_S)
                 continue
 

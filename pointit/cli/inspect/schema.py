@@ -14,6 +14,7 @@ from pointit.runtime.host.state_file import replaced_file
 from pointit.schemas import SchemaError
 from pointit.schemas.catalogue import asyncapi, catalogue
 from pointit.schemas.catalogue.asyncapi import Kind
+from pointit.schemas.text import system_reason
 
 DEFAULT_DIR = Path("schemas/catalogue/shipped")
 """Folder of the catalogue relative to the root of a checkout."""
@@ -76,7 +77,7 @@ def read_folder(folder: Path) -> dict[str, bytes]:
             if path.is_file():
                 files[path.relative_to(folder).as_posix()] = path.read_bytes()
     except OSError as error:
-        raise ConfigError(f"{error.filename}: cannot be read ({error.strerror})") from error
+        raise ConfigError(f"{error.filename}: cannot be read ({system_reason(error)})") from error
     return files
 
 
@@ -93,7 +94,7 @@ def write_folder(folder: Path, files: dict[str, bytes]) -> None:
             with replaced_file(target) as part:
                 part.write_bytes(content)
     except OSError as error:
-        raise ConfigError(f"{error.filename}: cannot be written ({error.strerror})") from error
+        raise ConfigError(f"{error.filename}: cannot be written ({system_reason(error)})") from error
 
 
 def _write(folder: Path, *, as_json: bool) -> int:

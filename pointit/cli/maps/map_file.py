@@ -23,7 +23,7 @@ from pointit.maps.file import map_path, parse_map_file, read_map_file, read_whol
 from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
-from pointit.schemas.text import all_of
+from pointit.schemas.text import all_of, system_reason
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -295,7 +295,7 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
         title = f"{room.name}: {contents(file, clouds)}"
         lacks_letters = draw_map(picture, room, clouds, title, person_m, separability=shares)
     except OSError as error:
-        raise ConfigError(f"-o {picture}: cannot be written ({error.strerror or error})") from error
+        raise ConfigError(f"-o {picture}: cannot be written ({system_reason(error)})") from error
     click.echo(f"{picture}: {contents(file, clouds)}")
     if lacks_letters:
         click.echo(

@@ -29,6 +29,7 @@ from pointit.runtime.service.process import EXIT_FAILED
 from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
 from pointit.scan.result import pointed_text
 from pointit.schemas import ButtonEvent, Environment, PointingRay, UseMap, UserPose
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import BUTTON, POSE, RAY, USE_MAP, check_name
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, solve
 from pointit.services.localizer.estimation.solution import SolverSettings
@@ -361,8 +362,11 @@ def place_things(names: Sequence[str], path: Path) -> Work:
         if centers:
             try:
                 await asyncio.to_thread(_write_centers, path, centers)
-            except (PointItError, OSError) as error:
+            except PointItError as error:
                 raise RefusedError(f"{error}; write these centers yourself: {centers}") from error
+            except OSError as error:
+                problem = f"{path}: cannot be changed ({system_reason(error)})"
+                raise RefusedError(f"{problem}; write these centers yourself: {centers}") from error
             usage = await _use_again(session.bus, path)
             say(f"{', '.join(centers)}: written into {path}, {usage}")
         is_complete = len(centers) == len(positions)

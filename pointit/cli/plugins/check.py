@@ -20,6 +20,7 @@ from pointit.cli.common import lazy
 from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy, replaced_file
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
 from pointit.runtime.config.installed import OURS
+from pointit.schemas.text import system_reason
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
 from pointit.testing import CheckFailedError, Contract, SelectionMethodContract, ServiceContract
@@ -330,7 +331,7 @@ def new(*, kind: str, name: str, folder: Path | None) -> None:
                 part.write_text(text, encoding="utf-8")
         except OSError as error:
             raise ConfigError(
-                f"{file} cannot be written ({error.strerror}): give another --folder"
+                f"{file} cannot be written ({system_reason(error)}): give another --folder"
             ) from error
     use = Template(KINDS[kind][3]).substitute(name=name)
     click.echo(

@@ -12,6 +12,7 @@ from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Beside, Scenario
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import AnyService, Launch
+from pointit.schemas.text import system_reason
 from pointit.services import registry
 from pointit.services.recorder.config import RecorderConfig
 
@@ -28,7 +29,7 @@ def recorded(launch: Launch) -> str:
             file.seek(max(0, size - len(MAGIC)))
             is_whole = file.read() == MAGIC
     except OSError as error:
-        return f"the recording {path} is not there: {error.strerror}"
+        return f"the recording {path} is not there: {system_reason(error)}"
     size_mb = size / 1e6
     cut = "" if is_whole else ", cut off; the log says why"
     return f"recorded in {path}: {size_mb:.2f} MB{cut}"

@@ -20,6 +20,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError, ConfigError, RefusedError
 from pointit.runtime.service.carrier import Act, ActFailedError, Target
 from pointit.schemas import NS_PER_S, Referent, SelectionEvent, Speech, Understood
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import SPEECH, check_name
 from pointit.services.reactions.targets import Program, Reaction
 from pointit.speech.grammar import RESERVED, spoken
@@ -245,7 +246,7 @@ async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
     try:
         file = sys.stdin if text == "-" else Path(text).open("rb")  # noqa: SIM115, ASYNC230 - closed below
     except OSError as error:
-        raise ConfigError(f"{text}: {error.strerror}") from error
+        raise ConfigError(f"{text}: {system_reason(error)}") from error
     start_ns = clock.now_ns()
     timed_words = list[TimedWord]()
     try:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import yaml
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas.text import first_of
+from pointit.schemas.text import first_of, system_reason
 
 log = logging.getLogger(__name__)
 
@@ -168,7 +168,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             content = file.read(MAX_YAML_BYTES + 1)
     except OSError as error:
-        reason = error.strerror or error
+        reason = system_reason(error)
         raise ConfigError(f"{path}: cannot be read ({reason}); check its path and rights") from error
     return parse_yaml(content, path)
 

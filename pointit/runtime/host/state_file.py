@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
+from pointit.schemas.text import system_reason
 from pointit.schemas.topics import check_name
 
 T = TypeVar("T", bound=BaseModel)
@@ -43,7 +44,7 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
     except FileNotFoundError:
         raise
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be read ({system_reason(error)})") from error
 
 
 def read_secret(path: Path, max_bytes: int) -> bytes:
@@ -165,7 +166,7 @@ def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False)
         if durable:
             _sync(path.parent)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise ConfigError(f"{path}: cannot be written ({system_reason(error)})") from error
 
 
 def _is_special(path: Path, target: Path) -> bool:
@@ -304,6 +305,6 @@ class StateFile(Generic[T]):
         except FileNotFoundError:
             return False
         except OSError as error:
-            reason = error.strerror or error
+            reason = system_reason(error)
             raise ConfigError(f"{self.path}: cannot be erased ({reason})") from error
         return True

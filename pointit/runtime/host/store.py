@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pointit.schemas import NS_PER_S
+from pointit.schemas.text import system_reason
 
 T = TypeVar("T")
 LOCK = "writer.lock"
@@ -110,7 +111,8 @@ class Store:
             if self._lock is None:
                 rival = f"another {self._layout.writer} of this site writes {self.path}"
                 self._notice = (
-                    f"{rival}; {loss}: end one of the two and restart this one, or start it with --site NAME"
+                    f"{rival}; {loss}: end one of the two and restart this one, or start it as another site "
+                    "by --site NAME"
                 )
                 return None
             stored = self._open_or_replace(now_ns, read)
@@ -118,8 +120,8 @@ class Store:
         except (OSError, sqlite3.Error) as error:
             path = self.path.with_name(LOCK) if self._lock is None else self.path
             self._notice = (
-                f"{path} cannot be used ({error}); {loss}: make room there, or make it writable, then "
-                "restart this one"
+                f"{path} cannot be used ({system_reason(error)}); {loss}: make room there, or make it "
+                "writable, then restart this one"
             )
             self.close()
             return None

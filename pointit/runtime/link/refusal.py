@@ -4,6 +4,7 @@ import socket
 import ssl
 
 from pointit.runtime.link.link import CA, CERTIFICATE, ENDPOINT, KEY, SECURE, Credentials, PassingRefusal
+from pointit.schemas.text import system_reason
 
 HANDSHAKE_S = 1.0
 """Time limit of each step when probing for the reason of a refusal."""
@@ -48,7 +49,7 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     try:
         context = _context(credentials)
     except OSError as error:
-        return f"{credentials.folder}: its certificates cannot be used ({_reason(error)})"
+        return f"{credentials.folder}: its certificates cannot be used ({system_reason(error)})"
     try:
         plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
     except OSError:
@@ -111,7 +112,7 @@ def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credenti
                 f"the router at {endpoint} refuses {name}'s certificate: it {cause}; "
                 f"renew it with `pointit site renew {name}`"
             )
-    return PassingRefusal(f"{endpoint} does not speak TLS as a router does ({_reason(error)})")
+    return PassingRefusal(f"{endpoint} does not speak TLS as a router does ({system_reason(error)})")
 
 
 def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:
@@ -129,8 +130,3 @@ def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: C
         f"{router} is not the one of site {credentials.link.site}: another authority certified it; "
         "use that site's credentials, or the right address"
     )
-
-
-def _reason(error: Exception) -> str:
-    reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
-    return reason or type(error).__name__

@@ -95,7 +95,7 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
         if not isinstance(error, ssl.SSLError):
             raise
         raise BrokerError(
-            f"{broker} does not complete the TLS handshake ({error.reason or error}): correct the port, or "
+            f"{broker} does not complete the TLS handshake ({system_reason(error)}): correct the port, or "
             "update the broker to TLS 1.2"
         ) from error
 
@@ -283,7 +283,8 @@ def _tls_context(ca_file: str) -> ssl.SSLContext:
         context = ssl.create_default_context(cafile=file or None)
     except OSError as error:  # SSLError is one
         raise ConfigError(
-            f"{name}: {file} cannot be used ({error}): name a file with certificates in the form PEM"
+            f"{name}: {file} cannot be used ({system_reason(error)}): name a file with certificates in the "
+            "form PEM"
         ) from error
     # own authorities often lack extensions that Python requires from 3.13 on, or certify only themselves
     if file:

@@ -12,6 +12,7 @@ from pointit.runtime.clock import Clock, Timer
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, WarningSink
+from pointit.schemas.text import system_reason
 from pointit.services.imu_bridge.sources import Deliver, Item, Reading
 
 Address = tuple[str, int]
@@ -173,7 +174,7 @@ class UdpServer(asyncio.DatagramProtocol):
             self._lost.exception()  # marks the error as retrieved if no caller waits for it
 
     def _warn(self, error: OSError) -> None:
-        reason = error.strerror or str(error)
+        reason = system_reason(error)
         self._health.warn("port", f"UDP port {self.place} cannot be opened ({reason}): {self._remedy}")
 
 

@@ -27,6 +27,7 @@ from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError, Refuse
 from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
+from pointit.schemas.text import system_reason
 from pointit.services.led_driver.output import light_protocol
 from pointit.services.led_driver.output.lamp_commands import DARK, LampCommands
 from pointit.services.led_driver.output.light_protocol import (
@@ -288,9 +289,8 @@ class MqttLamps:
         except (MqttError, OSError) as error:
             if is_left.is_set():
                 raise
-            reason = str(error) or "no answer"
             raise BrokerError(
-                f"{reason}, at the last will of {lamp_id}; `last_wills: false` needs none"
+                f"{system_reason(error)}, at the last will of {lamp_id}; `last_wills: false` needs none"
             ) from error
 
     async def _send(self, client: BrokerClient, tasks: asyncio.TaskGroup) -> None:

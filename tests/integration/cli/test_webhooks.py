@@ -167,7 +167,7 @@ async def test_missing_certificates_are_a_failure_that_names_the_variable(
 ) -> None:
     monkeypatch.setenv("SSL_CERT_FILE", "/nowhere/authority.pem")
     _code, sentence = await send("https://hooks.example/")
-    assert "was not sent, as the file of SSL_CERT_FILE cannot be used" in sentence
+    assert "was not sent: the file of SSL_CERT_FILE cannot be used" in sentence
 
 
 async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,7 +111,7 @@ def test_check_prints_a_hundred_findings_and_counts_the_others(room: Path) -> No
 def test_a_missing_map_is_an_error(room: Path) -> None:
     ended = invoke("check", str(room.parent / "none.yaml"))
     assert ended.exit_code == 1
-    assert "none.yaml: cannot be read (No such file or directory); check its path and rights" in ended.output
+    assert "none.yaml: cannot be read (no such file or directory); check its path and rights" in ended.output
 
 
 def test_a_map_too_large_to_travel_is_an_error(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,7 +263,7 @@ def test_the_same_map_is_the_same_file(tmp_path: Path) -> None:
     ("picture", "sentence"),
     [
         ("lab.bmp", r"lab.bmp: not a picture format; give a file that ends in .svg, .png, .pdf$"),
-        ("none/lab.svg", r"none/lab.svg: cannot be written \(No such file or directory\)$"),
+        ("none/lab.svg", r"none/lab.svg: cannot be written \(no such file or directory\)$"),
         ("lab.svg", r"run `scripts/setup plot` in the folder of PointIt$"),
     ],
 )

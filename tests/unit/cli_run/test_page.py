@@ -88,11 +88,11 @@ def test_requested_port_that_is_taken_is_an_error(monkeypatch: pytest.MonkeyPatc
     port = free_port()
     with socket.create_server(("127.0.0.1", port)):
         sentence = refused(monkeypatch, "dashboard", "--port", str(port), kind=ListenError)
-        assert sentence.endswith("Address already in use; choose another port with --port")
+        assert sentence.endswith("address already in use; choose another port with --port")
         for asked, settings in (({"port": port}, ()), ({}, (f"web.port={port}",))):
             with pytest.raises(
                 ListenError,
-                match=rf"cannot listen at 127\.0\.0\.1:{port}: Address already in use; .* --web-port",
+                match=rf"cannot listen at 127\.0\.0\.1:{port}: address already in use; .* --web-port",
             ):
                 page_of(Settings(settings=settings), asked=asked)
 

@@ -156,7 +156,7 @@ def test_tables_are_replaced_only_on_request_and_then_completely(tmp_path: Path)
 
 def test_nothing_remains_of_an_export_onto_a_full_disk(tmp_path: Path) -> None:
     (tmp_path / "imu.csv.part").symlink_to("/dev/full")
-    with pytest.raises(ConfigError, match=r"cannot be written \(No space left on device\)"):
+    with pytest.raises(ConfigError, match=r"cannot be written \(no space left on device\)"):
         export_csv(session(), BEGAN_NS, tmp_path)
     assert list(tmp_path.iterdir()) == []
 

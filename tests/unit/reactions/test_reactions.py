@@ -111,7 +111,7 @@ async def test_failure_is_a_sentence_with_the_exit_code(machine: Machine) -> Non
         assert await running == ("error", f"false 'a b' ended with {ended}")
     machine.error = PermissionError(13, "Permission denied")
     failure = await failure_of(program, act_on("screws"))
-    assert failure == ("error", "false 'a b' could not be started (Permission denied)")
+    assert failure == ("error", "false 'a b' could not be started (permission denied)")
 
 
 @in_virtual_time

@@ -287,10 +287,10 @@ async def test_full_disk_is_reported_and_earlier_messages_are_readable(
                 number += 1
                 strip = models.StripFrame(id="s", rgb=noise.randbytes(3000))
                 publisher.put(models.StripsFrame(stamp_ns=number, seq=number, strips=(strip,)))
-            return any("No space left" in each for report in site.health for each in report.warnings)
+            return any("no space left" in each for report in site.health for each in report.warnings)
 
         await until(is_told)
-    assert "No space left on device; nothing more is recorded" in caplog.text
+    assert "no space left on device; nothing more is recorded" in caplog.text
     with Recording.open(site.path) as recording:
         frames = [each.body for each in recording.entries() if each.row is topics.STRIPS_FRAME]
         assert [frame.seq for frame in frames if isinstance(frame, models.StripsFrame)] == [

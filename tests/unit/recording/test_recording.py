@@ -490,8 +490,8 @@ def newer_format(path: Path) -> None:
 
 
 NO_RECORDINGS: list[tuple[Callable[[Path], object], str]] = [
-    (Path.exists, "cannot be read: No such file"),
-    (Path.mkdir, "cannot be read: Is a directory"),
+    (Path.exists, "cannot be read: no such file"),
+    (Path.mkdir, "cannot be read: is a directory"),
     (Path.touch, "is no recording"),
     (lambda path: path.write_bytes(b"#ROSBAG V2.0\n" * 99), "is no recording"),
     (lambda path: path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(256))), "is no recording of PointIt"),

@@ -225,7 +225,7 @@ def test_merged_keys_may_be_overridden(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"absent.yaml: cannot be read \(No such file"):
+    with pytest.raises(ConfigError, match=r"absent.yaml: cannot be read \(no such file"):
         read_yaml(tmp_path / "absent.yaml")
     with pytest.raises(ConfigError, match="cannot be read"):
         read_yaml(tmp_path)

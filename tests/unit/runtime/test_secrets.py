@@ -56,7 +56,7 @@ PLAIN = [
     "http://127.0.0.1:8000/",
     "tcp/127.0.0.1:7447#iface=eth0 is lost",
     "key pointit/home/@may/anna/writes",
-    "password_file: /etc/secret cannot be read (No such file or directory)",
+    "password_file: /etc/secret cannot be read (no such file or directory)",
     "token: is missing; give it a value",
     "serial:/dev/ttyUSB0 at 115200",
     "key=pointit/home/user/anna/ray",

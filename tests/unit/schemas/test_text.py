@@ -1,5 +1,9 @@
 """Numbers and lists of names in sentences."""
 
+import socket
+import ssl
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -66,3 +70,18 @@ def test_reason_of_the_system_has_no_error_number() -> None:
     both = OSError("Multiple exceptions: [Errno 111] Connect call failed, [Errno 101] unreachable")
     assert system_reason(both) == "Multiple exceptions: Connect call failed, unreachable"
     assert system_reason(TimeoutError()) == "no answer"
+
+
+def test_reason_of_a_name_or_of_tls_is_their_own(tmp_path: Path) -> None:
+    assert (
+        system_reason(socket.gaierror(8, "nodename nor servname provided"))
+        == "nodename nor servname provided"
+    )
+    closed = ssl.SSLEOFError(8, "EOF occurred in violation of protocol (_ssl.c:1007)")
+    assert system_reason(closed) == "EOF occurred in violation of protocol"
+
+    certificates = tmp_path / "ca.pem"
+    certificates.write_text("no certificate")
+    with pytest.raises(ssl.SSLError) as raised:
+        ssl.create_default_context(cafile=certificates)
+    assert system_reason(raised.value) == "no certificate or crl found"

@@ -16,7 +16,7 @@ def test_a_file_that_cannot_be_read_is_named_once(tmp_path: Path) -> None:
     path = tmp_path / "said.wav"
     with pytest.raises(ConfigError) as error:
         WavFile(path, ManualClock())
-    assert str(error.value) == f"{path}: no WAV file that can be read: No such file or directory"
+    assert str(error.value) == f"{path}: no WAV file that can be read: no such file or directory"
     path.write_bytes(b"RIFF")
     with pytest.raises(ConfigError, match="no WAV file that can be read"):
         WavFile(path, ManualClock())

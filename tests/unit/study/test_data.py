@@ -51,7 +51,7 @@ def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch:
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
         with pytest.raises(
-            PointItError, match=r"t\.csv: a row cannot be written \(No space left on device\).*make room"
+            PointItError, match=r"t\.csv: a row cannot be written \(no space left on device\).*make room"
         ):
             table.append({"trial": 2})
     assert [row["trial"] for row in read_table(table.path, COLUMNS)] == ["1"]

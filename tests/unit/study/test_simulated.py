@@ -354,7 +354,7 @@ PNG = b"\x89PNG\r\n\x1a\nand so on"
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("instruction: {image: none.png}", r"image none\.png: .*none\.png cannot be read \(No such file"),
+        ("instruction: {image: none.png}", r"image none\.png: .*none\.png cannot be read \(no such file"),
         ("instructions: {hold: {text: Hold., image: text.png}}", r"image text\.png: use a PNG, JPEG"),
         ("consent: {image: ../outside.png}", r"image \.\./outside\.png: is not beside the study; copy it"),
         ("instruction: {image: link.png}", r"image link\.png: is not beside the study"),

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
+from pointit.schemas.text import system_reason
 from pointit_lab.evaluation.recordings.table_file import check_file, check_text, is_file, shown_path, truncate
 
 Entry = Mapping[str, Any]
@@ -57,7 +58,7 @@ def recordings_folder(data: Path | None) -> Path:
         inner = data / RECORDINGS
         return inner if inner.is_dir() else data
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
+        reason = system_reason(error)
         problem = f"cannot be accessed ({reason})"
         raise ConfigError(f"{shown_path(data)}: {problem}; give --data DIR with the recordings") from error
 
@@ -73,7 +74,7 @@ def read_index(folder: Path) -> list[Entry]:
     try:
         raw = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     except OSError as error:
-        reason = error.strerror or error
+        reason = system_reason(error)
         raise ConfigError(f"{path}: cannot be read ({reason})") from error
 
     # a list, or an object with such a list

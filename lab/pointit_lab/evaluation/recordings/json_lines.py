@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
+from pointit.schemas.text import system_reason
 from pointit_lab.evaluation.recordings.table_file import check_file
 
 
@@ -45,7 +46,7 @@ def read_lines(path: Path, kind: type[Kind]) -> Iterator[tuple[int, Kind]]:
                         f"{path}, line {line}: {problem}; correct the line, or take it out"
                     ) from error
     except OSError as error:
-        reason = error.strerror or error
+        reason = system_reason(error)
         raise ConfigError(f"{path}: cannot be read ({reason})") from error
     if not number:
         raise ConfigError(f"{path}: has no lines; one JSON object per line was expected")

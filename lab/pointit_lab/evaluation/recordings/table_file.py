@@ -13,6 +13,7 @@ import numpy as np
 
 from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.text import system_reason
 
 MAX_BYTES = 64_000_000
 """Limit of a file, which bounds the memory of an evaluation."""
@@ -87,7 +88,7 @@ def is_file(path: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return False
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
+        reason = system_reason(error)
         raise ConfigError(
             f"{shown_path(path)}: cannot be accessed ({reason}); give it another name"
         ) from error
@@ -175,7 +176,7 @@ def read_table(
             numbered_rows = ((reader.line_num, row) for row in reader)
             lines, cells = _rows(path, header, columns, numbered_rows)
     except OSError as error:
-        reason = error.strerror or error
+        reason = system_reason(error)
         raise ConfigError(f"{path}: cannot be read ({reason})") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: is not a CSV text file ({error})") from error

@@ -10,6 +10,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pointit.schemas.text import system_reason
 from pointit_lab.loadtest.network.tree import Machine, router_of
 
 PORT = 7447
@@ -166,7 +167,7 @@ def network(machines: Sequence[Machine], scheme: str) -> Generator[NamespaceNetw
         network.lay()
     except (OSError, RuntimeError, subprocess.TimeoutExpired) as error:
         network.close()
-        network = NamespaceNetwork(machines, scheme, lacking=str(error) or "not permitted")
+        network = NamespaceNetwork(machines, scheme, lacking=system_reason(error))
     try:
         yield network
     finally:

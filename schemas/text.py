@@ -101,9 +101,11 @@ def system_reason(error: BaseException, most: int = LONGEST_SENTENCE) -> str:
     Text for people has an `OSError` by this function only: `str(error)` begins with `[Errno 111]`.
     """
     # Errors of names and of TLS have numbers of their own. An import of ssl would take 27 ms.
-    has_own_numbers = isinstance(error, socket.gaierror) or type(error).__module__ == "ssl"
-    if isinstance(error, OSError) and error.errno in errno.errorcode and not has_own_numbers:
-        return os.strerror(error.errno).lower()
+    number = 0
+    if isinstance(error, OSError) and not isinstance(error, socket.gaierror):
+        number = error.errno or 0
+    if number in errno.errorcode and type(error).__module__ != "ssl":
+        return os.strerror(number).lower()
     return one_line(_NUMBERS.sub("", str(error)), most) or "no answer"  # several addresses were tried
 
 

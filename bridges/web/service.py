@@ -219,6 +219,9 @@ class Web(Service[WebConfig]):
         follow_site(self._model.state, self.bus, self._now_s, ())
         listening_socket = open_port(config.host, config.port, "--port")
         self._listener = HttpListener(app, listening_socket)
+        if config.lan:
+            with contextlib.suppress(RefusedError):  # `run` tries again, and reports it
+                self._lan.listen()
 
     async def run(self) -> None:
         """Serve until cancelled, then close every connection."""

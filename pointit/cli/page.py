@@ -23,6 +23,8 @@ from pointit.launch.page import (
     Page,
     is_asked_of_page,
     is_available,
+    is_listening,
+    lan_lines,
     page_link_file,
     page_of,
     page_unavailable_error,
@@ -39,6 +41,7 @@ from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import write_atomically
+from pointit.runtime.host.windows_subsystem import lan_advice
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of
 from pointit.runtime.service.logs import setup_logging
@@ -103,6 +106,7 @@ class RunPage(Beside):
         self._site_address = page.config.devices_at
         """Address at which processes of devices join."""
         self._has_own_process = False
+        self._lan_advice = ""
 
     @property
     def instance(self) -> str:
@@ -117,6 +121,8 @@ class RunPage(Beside):
 
     def launch(self) -> Launch:
         """Return its launch. Slow, unless it has a process of its own: imports the server."""
+        if self.page.lan_url:
+            self._lan_advice = lan_advice(self.page.config.lan_port)
         config = self.page.config.model_copy(update={"devices_at": self._site_address})
         page = dataclasses.replace(self.page, config=config)
         if self._has_own_process:
@@ -149,12 +155,11 @@ class RunPage(Beside):
         if not is_drawn:
             address = where(self.page.url, self._link)
             lines.append(f"page: {address}")
-        if self.page.scan_url:
+        is_scan_open = self.page.scan_url.startswith("http:") or is_listening(self.page.scan_url)
+        if self.page.scan_url and is_scan_open:
             address = where(self.page.scan_url, self._link)
             lines += _scan_lines(self.page.scan_url, address)
-        if self.page.lan_url:
-            address = where(self.page.lan_url, self._link)
-            lines.append(f"--lan: the page is open to the local network, at {address}")
+        lines += lan_lines(self.page.lan_url, self._link, self._lan_advice)
         return lines
 
     @property
@@ -411,6 +416,28 @@ def _port_settings(port: int | None, address: str, *, is_lan: bool) -> dict[str,
     return settings
 
 
+class DashboardLines:
+    """Prints where a dashboard is, once it is present and listens."""
+
+    def __init__(self, instance: str, url: str, lan_url: str, file: Path | None, advice: str) -> None:
+        """Create it. `file`: holds the links, or None. `advice`: of `lan_advice`."""
+        self._instance = instance
+        self._url = url
+        self._lan_url = lan_url
+        self._file = file
+        self._advice = advice
+        self._is_printed = False
+
+    def on_presence(self, name: str, *, present: bool) -> None:
+        """Print the addresses if this page has come."""
+        if name != self._instance or not present or self._is_printed:
+            return
+        self._is_printed = True
+        click.echo(f"page: {where(self._url, self._file, sys.stdout)}")
+        for line in lan_lines(self._lan_url, self._file, self._advice, sys.stdout):
+            click.echo(line)
+
+
 async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:
     """Serve the page as soon as the site is reachable, until cancelled."""
     bus = await ZenohBus.open(link)
@@ -430,9 +457,9 @@ async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: 
         lan_url = page.viewer_lan_url if view_only else page.lan_url
         with contextlib.ExitStack() as stack:
             file = stack.enter_context(page_link_file(bus.site, url, lan_url))
-            click.echo(f"page: {where(url, file, sys.stdout)}")
-            if lan_url:
-                click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")
+            advice = await asyncio.to_thread(lan_advice, page.config.lan_port) if lan_url else ""
+            lines = DashboardLines(launch.instance, url, lan_url, file, advice)
+            stack.callback(bus.watch(SERVICE_ALIVE, lines.on_presence).close)
             opens_browser = is_open and is_wanted()
             if file is not None and opens_browser:
                 stack.callback(PageOpener(bus, launch.instance, file).close)

@@ -18,6 +18,7 @@ from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.state_file import replaced_file
 from pointit.runtime.link.link import SILENT_S, find_outage
 from pointit.runtime.service.plain_console import say
@@ -317,9 +318,10 @@ def figures(monitor: Monitor) -> Text:
     for name, health in reports.items():
         if health.warnings:
             impaired.add(name)
-    outage = find_outage({*monitor.health, *lost}, lost, monitor.lost_router)
+    outage = find_outage({*monitor.health, *lost}, lost, monitor.lost_router, advised_commands())
     if outage is not None:
         text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
     elif impaired:
-        text.append(f"  look at: {', '.join(sorted(impaired))} (pointit doctor)", style="yellow")
+        doctor = advised_commands().command("pointit doctor").strip("`")
+        text.append(f"  look at: {', '.join(sorted(impaired))} ({doctor})", style="yellow")
     return text

@@ -29,7 +29,8 @@ from pointit.diagnosis.observation import (
 )
 from pointit.diagnosis.symptoms import latency_s
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.runtime.link.link import AGAIN, Outage, find_outage
+from pointit.runtime.host.advised_commands import AdvisedCommands
+from pointit.runtime.link.link import Outage, find_outage, restart_router_remedy
 from pointit.schemas.problems import (
     CLOCK,
     CLOCK_LIMIT,
@@ -64,11 +65,12 @@ def unreachable(
     is_refused: bool,
     is_secured: bool,
     rejection: str = "",
+    commands: AdvisedCommands,
 ) -> Finding:
     """Return the finding of an observer that cannot join.
 
     `is_refused`: nothing listens at `connect`. `stopped`: processes of this machine that may be the router.
-    `rejection`: reason and remedy if the router rejects the observer.
+    `rejection`: reason and remedy if the router rejects the observer. `commands`: as its reader types them.
     """
     addresses = ", ".join(connect)
 
@@ -80,21 +82,25 @@ def unreachable(
                 sentence = (
                     f"the router at {addresses} does not answer: process {pid} is stopped (Ctrl-Z or SIGSTOP)"
                 )
-                return _unreachable(sentence, CONTINUE.format(pid=pid), "stopped")
+                remedy = CONTINUE.format(pid=pid)
+                if commands.containers:
+                    remedy = f"start it again: {commands.start_router()}"
+                return _unreachable(sentence, remedy, "stopped")
 
     if rejection:
         return _unreachable(rejection, "", "denied")
     if not is_refused:
         sentence = f"the router at {addresses} does not answer"
-        return _unreachable(sentence, f"{AGAIN}; or give another address by --connect")
+        remedy = f"{restart_router_remedy(commands)}; or give another address by --connect"
+        return _unreachable(sentence, remedy)
 
     # An open site has its router in `pointit run`, a secured one has a router of its own
     remedy = (
         "start `pointit run`, or `pointit router` if services wait for it, give its address by "
         "--connect or, on a secured site, your identity by --credentials"
     )
-    if is_secured:
-        remedy = "start its router with `pointit router`, or give its address by --connect"
+    if is_secured or commands.containers:
+        remedy = f"start its router with {commands.start_router()}, or give its address by --connect"
     return _unreachable(f"nothing runs at {addresses}", remedy)
 
 
@@ -102,7 +108,7 @@ def _outage(findings: Sequence[Finding], seen: Observation) -> Outage | None:
     gone = {finding.service for finding in _with_code(findings, GONE)}
     lost_routers = [finding.subject for finding in _with_problem(findings, (ROUTER_LOST,))]
     lost_router = next(iter(lost_routers), "")
-    return find_outage(seen.present | seen.expected.keys() | gone, gone, lost_router)
+    return find_outage(seen.present | seen.expected.keys() | gone, gone, lost_router, seen.commands)
 
 
 def _with_code(findings: Iterable[Finding], codes: Collection[str]) -> list[Finding]:
@@ -257,7 +263,7 @@ def may_pass(finding: Finding) -> bool:
 def _lost_router(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain services that are out of reach by the router that services say they have lost."""
     outage = _outage(symptoms, seen)
-    if outage is None or outage.remedy != AGAIN:
+    if outage is None or not outage.is_of_router:
         return
     severity: Severity = "warning"  # what it cannot reach is not expected here
     if any(symptom.severity == "error" for symptom in _with_code(symptoms, GONE)):
@@ -354,7 +360,8 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
         # A router knows the identity, not the process: the remedy is where that was started
         if _is_denied_by_router(own[0]):
-            remedy = "give it credentials by --credentials (`pointit site user add NAME`), or end it"
+            add = seen.commands.site("user add NAME")
+            remedy = f"give it credentials by --credentials ({add}), or end it"
             if name:
                 remedy = f"start it with its own credentials instead of those of {name}, or end it"
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))

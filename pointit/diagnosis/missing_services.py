@@ -11,10 +11,12 @@ from pointit.diagnosis.observation import (
     Observation,
     ReportedProcess,
     StoppedProcess,
+    container_of,
     is_router,
     restart_remedy,
 )
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.host.advised_commands import AdvisedCommands
 from pointit.runtime.service.service import HEALTH_PERIOD_S
 from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance
@@ -31,6 +33,10 @@ SHARED_REMEDY = (
 HOME_REMEDY = (
     f"add --with {HOME_ASSISTANT.name} to `pointit run`, and its address and token by --config "
     "(`home_assistant: {url, token_file}`)"
+)
+CONTAINER_HOME_REMEDY = (
+    f"run `pointit service run {HOME_ASSISTANT.name}` outside of the containers, with its address and token "
+    "by --config and an identity of its own by --credentials"
 )
 STUCK_REMEDY = "its log names what blocks its event loop; if it is stopped, `kill -CONT {pid}`"
 GONE = ("absent", "left", "silent")
@@ -51,7 +57,7 @@ def find_missing(seen: Observation) -> Iterator[Finding]:
     # Nobody says that these should run: they may have been ended on purpose
     for instance in seen.left - seen.present - seen.expected.keys():
         sentence = "was present and has left: ended, killed, stopped or cut off"
-        remedy = restart_remedy(instance, seen.options_of(instance))
+        remedy = restart_remedy(instance, seen.options_of(instance), seen.commands)
         yield Finding("warning", "left", instance, sentence, remedy)
 
     # Presence is the network's: a process that is stopped keeps it until its connection ends
@@ -63,8 +69,10 @@ def find_missing(seen: Observation) -> Iterator[Finding]:
         process = "its process"
         if seen.newest(instance) is not None:
             process = seen.process_of(instance).description
-        restart = seen.expected.get(instance, restart_remedy(instance, seen.options_of(instance)))
-        remedy = f"look at {process}: {STUCK_REMEDY.format(pid='PID')}; else {restart}"
+        restart = seen.expected.get(instance)
+        if restart is None:
+            restart = restart_remedy(instance, seen.options_of(instance), seen.commands)
+        remedy = f"look at {process}: {_stuck_remedy(seen.commands, 'PID', [instance])}; else {restart}"
         yield Finding("error", "silent", instance, sentence, remedy)
 
 
@@ -83,6 +91,8 @@ def find_empty_site(seen: Observation) -> Iterator[Finding]:
                 "start the shared services with `pointit run --site-only --credentials FOLDER/identities/"
                 "supervisor`, then each person with `pointit person add NAME --credentials NAME`"
             )
+            if seen.commands.containers:
+                remedy = f"start the other containers: {seen.commands.compose('up -d')}"
             yield Finding("error", "empty", "", "nothing but the router runs on this site yet", remedy)
         return
 
@@ -97,6 +107,8 @@ def find_empty_site(seen: Observation) -> Iterator[Finding]:
             "start with `pointit run`, or name the right site with --site, or its address with --connect (of "
             "a run with --ros2: tcp/127.0.0.1:7448)"
         )
+        if seen.commands.containers:
+            remedy = f"start the other containers: {seen.commands.compose('up -d')}"
     yield Finding("error", "empty", "", sentence, remedy)
 
 
@@ -122,10 +134,10 @@ def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
     sentence = f"{few_of(people)} {have} no {effect}: {few_of(sorted(missing))} {run} on this site"
 
     # Only `pointing` is a service of the person, all others are shared
-    remedy = SHARED_REMEDY.format(credentials=seen.credentials_of("supervisor"))
+    remedy = _shared_remedy(missing, seen)
     if missing == {"pointing"}:
         pointing = f"pointing.{people[0]}"
-        remedy = restart_remedy(pointing, seen.options_of(pointing))
+        remedy = restart_remedy(pointing, seen.options_of(pointing), seen.commands)
     subject = people[0] if len(people) == 1 else ""
     services = (*sorted(missing), *sorted(user_services))
     yield Finding("error", "no-cursor", subject, sentence, remedy, services=services)
@@ -138,7 +150,10 @@ def find_missing_bridge(seen: Observation) -> Iterator[Finding]:
         return
     services = {*seen.present, *seen.left, *seen.expected}
     if HOME_ASSISTANT.name not in services:
-        yield Finding("warning", "no-bridge", "", unconnected_sentence(seen.home_things), HOME_REMEDY)
+        remedy = HOME_REMEDY
+        if seen.commands.containers:
+            remedy = CONTAINER_HOME_REMEDY
+        yield Finding("warning", "no-bridge", "", unconnected_sentence(seen.home_things), remedy)
 
 
 def home_things(environment: Environment) -> tuple[str, ...]:
@@ -226,6 +241,9 @@ def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator
                 f"process {process.pid} is stopped (Ctrl-Z or SIGSTOP): {few_of(services)} {do} nothing"
             )
             remedy = CONTINUE.format(pid=process.pid)
+            containers = _containers_of(services)
+            if seen.commands.containers and containers:
+                remedy = f"start it again: {seen.commands.restart(containers)}"
             yield Finding("error", "stopped", _subject(services), sentence, remedy, services=tuple(services))
 
 
@@ -289,14 +307,16 @@ def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[F
                 f"{process.description} does not report: {few_of(lost)} are silent; is it stopped, "
                 "overloaded or cut off?"
             )
-            stuck = STUCK_REMEDY.format(pid=pid)
-            remedy = f"look at it where it runs: {stuck}; else {_restart_remedy(name, seen)}"
+            stuck = _stuck_remedy(seen.commands, pid, lost)
+            remedy = f"look at it where it runs: {stuck}; else {_restart_remedy(name, lost, seen)}"
         else:
             sentence = (
                 f"{few_of(lost)} should run and do not: their process has ended, or is stopped or cut off"
             )
-            restart = _restart_remedy(name, seen)
-            remedy = f"{restart}; if it is stopped there, continue it: `kill -CONT {pid}`"
+            restart = _restart_remedy(name, lost, seen)
+            remedy = restart
+            if not seen.commands.containers:
+                remedy = f"{restart}; if it is stopped there, continue it: `kill -CONT {pid}`"
         is_person = name in seen.deployments and not name.startswith(RUN)
         subject = name if is_person else _subject(lost)
         yield Finding("error", code, subject, sentence, remedy, services=tuple(lost))
@@ -316,8 +336,35 @@ def _processes(gone: Collection[str], seen: Observation) -> dict[str, set[str]]:
     return processes
 
 
-def _restart_remedy(name: str, seen: Observation) -> str:
-    """Return the remedy that starts the deployment or process `name` again."""
+def _shared_remedy(missing: Collection[str], seen: Observation) -> str:
+    """Return the remedy that starts the shared services `missing` again."""
+    containers = _containers_of(missing)
+    if not seen.commands.containers:
+        return SHARED_REMEDY.format(credentials=seen.credentials_of("supervisor"))
+    if not containers:
+        return "start the shared services again where they ran"
+    return f"start the shared services again: {seen.commands.restart(containers)}"
+
+
+def _containers_of(instances: Iterable[str]) -> list[str]:
+    """Return the containers of `instances` in the compose files, without the site's name."""
+    return sorted({container_of(instance) for instance in instances} - {""})
+
+
+def _stuck_remedy(commands: AdvisedCommands, pid: int | str, instances: Sequence[str]) -> str:
+    """Return the place that names what blocks `instances`, which are of process `pid`."""
+    containers = _containers_of(instances)
+    if not commands.containers or not containers:
+        return STUCK_REMEDY.format(pid=pid)
+    log = f"`podman logs {commands.containers}-{containers[0]}`"
+    return f"its log, {log}, names what blocks its event loop"
+
+
+def _restart_remedy(name: str, lost: Sequence[str], seen: Observation) -> str:
+    """Return the remedy that starts the deployment or process `name`, which has lost services, again."""
+    containers = _containers_of(lost)
+    if seen.commands.containers and containers:
+        return f"start it again: {seen.commands.restart(containers)}"
     if name not in seen.deployments:
         return f"start {name} again where it ran"
     if name.startswith(RUN):

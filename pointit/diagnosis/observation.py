@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.config.nearest_name import did_you_mean
+from pointit.runtime.host.advised_commands import ROUTER, AdvisedCommands, advised_commands
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health, Interaction
 from pointit.schemas.problems import OTHER
@@ -55,6 +56,8 @@ Code = Literal[
     "old-anchor",
 ]
 
+SHARED_CONTAINERS = ("keeper", "pui", "selector", "led-driver", "conveyor-sim", "web")
+"""Services of `deploy/compose.yaml` with a container of their own, which has their name."""
 PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.services")
 """Name of the program or module by which a process is one of PointIt."""
 CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
@@ -110,8 +113,35 @@ def is_router(instance: str) -> bool:
     return kind == "router"
 
 
-def restart_remedy(instance: str, options: str) -> str:
-    """Return the remedy that starts `instance`, if it should run at all. `options` join the site."""
+def container_of(instance: str) -> str:
+    """Return the container of `instance` in the compose files, without the site's name, or `""`.
+
+    All services of a person are in one container, called after the person.
+    """
+    if is_router(instance):
+        return ROUTER
+    service, name = split_instance(instance)
+    user = person_of(instance)
+    if not user:
+        is_shared = service in SHARED_CONTAINERS and not name
+        return service if is_shared else ""
+    is_name = NAME.match(user) and not user.startswith(".")
+    return user if is_name else ""
+
+
+def restart_remedy(instance: str, options: str, commands: AdvisedCommands) -> str:
+    """Return the remedy that starts `instance`, if it should run at all.
+
+    Args:
+        instance: any instance name, also of other machines.
+        options: those by which a command joins the site.
+        commands: as the reader types them.
+    """
+    if commands.containers:
+        container = container_of(instance)
+        if not container:
+            return "if it should run, start it where it ran"
+        return f"if it should run: {commands.restart([container])}"
     if is_router(instance):
         return "if it should run: `pointit router --site-folder FOLDER`"
     command = start_command(*split_instance(instance))
@@ -124,7 +154,8 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     """Return a clause on the writers of `topic` at `name`, whether they run, and the remedy."""
     writers = present_writers(topic, name, present)
     if writers:
-        return f"{', '.join(writers)} can write it and runs; does `pointit doctor` find something wrong?"
+        doctor = advised_commands().command("pointit doctor")
+        return f"{', '.join(writers)} can write it and runs; does {doctor} find something wrong?"
     row = row_of(topic.writers[0])  # the first is the usual one
     if row is None:
         return f"it is written by {' or '.join(topic.writers)}"
@@ -136,6 +167,10 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     if row.scope == "user":
         command += f" --user {user or 'NAME'}"
     advice = f"start it with `{command}`"
+    commands = advised_commands()
+    if commands.containers:
+        container = container_of(instance_of(row.name, user))
+        advice = f"start it with {commands.restart([container])}" if container else "start it where it ran"
 
     # A misspelt name is more probable than a service that nobody has started
     people = set(map(person_of, present))
@@ -317,11 +352,13 @@ class Observation:
     """Options by which a command reaches this site from here, ` --site hall`. `""` if the defaults do."""
     identities: str = ""
     """Folder of the observer's identity and probably of others, if the site is secured, else `""`."""
+    commands: AdvisedCommands = field(default_factory=AdvisedCommands)
+    """Commands as the reader of the findings types them."""
 
     @cached_property
     def expected(self) -> dict[str, str]:
         """Return `expected_services` of the deployments."""
-        return expected_services(self.deployments, self.options_of)
+        return expected_services(self.deployments, self.options_of, self.commands)
 
     @cached_property
     def services_of(self) -> dict[str, frozenset[str]]:
@@ -426,7 +463,9 @@ class Observation:
 
 
 def expected_services(
-    deployments: Mapping[str, Deployment], options_of: Callable[[str], str] = lambda _: ""
+    deployments: Mapping[str, Deployment],
+    options_of: Callable[[str], str] = lambda _: "",
+    commands: AdvisedCommands | None = None,
 ) -> dict[str, str]:
     """Return the instances that should run, each with the remedy that starts it again.
 
@@ -435,19 +474,24 @@ def expected_services(
     Args:
         deployments: by name.
         options_of: see `Observation.options_of`.
+        commands: as the reader types them. None: in a shell.
     """
+    forms = commands or AdvisedCommands()
     remedies: dict[str, str] = {}
     for name, deployment in deployments.items():
         started_by = name.removeprefix(RUN)
         for service in deployment.believed(name).services:
             instance = service.instance
             if NAME.match(instance):
-                remedies[instance] = _again(service, started_by, options_of(instance))
+                remedies[instance] = _again(service, started_by, options_of(instance), forms)
     return remedies
 
 
-def _again(service: ExpectedService, started_by: str, options: str) -> str:
+def _again(service: ExpectedService, started_by: str, options: str, commands: AdvisedCommands) -> str:
     """Return the remedy that restarts `service` of `started_by`. `options` join the site."""
+    container = container_of(service.instance)
+    if commands.containers and container:
+        return f"start it again: {commands.restart([container])}"
     if not service.command:
         return f"it runs inside the process that started {started_by}: start that again"
     command = start_command(service.service, service.user or service.name)

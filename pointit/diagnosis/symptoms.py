@@ -7,6 +7,7 @@ from dataclasses import replace
 from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding, Observation
 from pointit.geometry import floor_sigma
 from pointit.runtime.bus.timeliness import LONGEST_HOST
+from pointit.runtime.host.advised_commands import AdvisedCommands
 from pointit.schemas import Health, UserPose
 from pointit.schemas.problems import HANDLER, IDLE_ARM, INVALID, REFUSED_ACTS, TWICE, UNCERTAIN
 from pointit.schemas.system import split_instance
@@ -67,8 +68,8 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         # Numbers first, then the service's own words
         health = reports[-1].health
         yield from _twice(seen, instance, reports)
-        yield from _counters(instance, reports[0].health, health)
-        yield from _certainty(instance, health)
+        yield from _counters(instance, reports[0].health, health, seen.commands)
+        yield from _certainty(instance, health, seen.commands)
         yield from _problems(seen, instance, health)
         if health.status == "degraded" and not health.all_problems:
             sentence = "reports itself as degraded without a reason"
@@ -145,7 +146,7 @@ def _twice(seen: Observation, instance: str, reports: Sequence[DiagnosisReport])
         yield Finding("error", "twice", instance, sentence, remedy, problem=TWICE, subject=pids)
 
 
-def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
+def _counters(instance: str, first: Health, last: Health, commands: AdvisedCommands) -> Iterator[Finding]:
     """Find counters that should be 0: an error while one grows, a note afterwards."""
     before = {(key.key, key.direction): key for key in first.keys}
     for key in last.keys:
@@ -155,7 +156,8 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
 
         # Messages that could not be read
         text = f"messages on {shown} were invalid, and were dropped"
-        remedy = "a writer of another version? `pointit --version` on both machines"
+        version = commands.command("pointit --version")
+        remedy = f"a writer of another version? {version} on both machines"
         for finding in _counter(instance, key.invalid, old.invalid, text, remedy):
             yield replace(finding, topic=pattern, problem=INVALID)
 
@@ -192,7 +194,7 @@ def _is_simulated(user: str, seen: Observation) -> bool:
     return False
 
 
-def _certainty(instance: str, health: Health) -> Iterator[Finding]:
+def _certainty(instance: str, health: Health, commands: AdvisedCommands) -> Iterator[Finding]:
     """Find a pose that is uncertain, and the remedy."""
     # A service that reports this itself gives a remedy, too
     if any(problem.code == UNCERTAIN for problem in health.all_problems):
@@ -208,15 +210,14 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
             f"the person's position is uncertain by {round_beyond(position_m, UNSURE_M, 2)} m "
             f"(1 sigma, limit {UNSURE_M:g} m)"
         )
-        remedy = (
-            f"let them localize again: hold the button, or `pointit person press {user} --gesture hold`; "
-            "point at more lamps with --targets"
-        )
+        hold = commands.command(f"pointit person press {user} --gesture hold", user)
+        remedy = f"let them localize again: hold the button, or {hold}; point at more lamps with --targets"
         yield Finding("warning", "unsure", instance, sentence, remedy)
         return
 
     # Yaw: known to be uncertain, or so old that its uncertainty means little
-    anchor = f"have them point at one lamp: `pointit person anchor {user}`, or press the button twice"
+    anchor_command = commands.command(f"pointit person anchor {user}", user)
+    anchor = f"have them point at one lamp: {anchor_command}, or press the button twice"
     if yaw_deg is not None and yaw_deg > UNSURE_DEG:
         sentence = (
             f"the person's yaw is uncertain by {round_beyond(yaw_deg, UNSURE_DEG)}° "

@@ -10,10 +10,12 @@ from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TextIO
+from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.lan_address import choose_address
 from pointit.bridges.web.server.link_file import keep_link, without_token
 from pointit.launch.plan.launches import PAGE, Settings, layers_of, service_of
 from pointit.runtime.address_config import is_loopback
@@ -39,12 +41,15 @@ REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
 """Advice if the extra is not installed."""
 PORT = 8090
 LAN_PORT = 8443
+CONNECT_S = 0.5
+"""Timeout of a connection to an address of this machine, s."""
 MAX_PAGES_IN_RUN = 16
 """Maximum number of open pages, unless set by hand, of a page in the run's process. It may be opened to the
 local network later, and each page that looks on takes time of the process that computes cursors."""
 PORTS_TO_TRY = 10
 """Consecutive ports to try, from the default one, if none was requested."""
-EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
+EVERYWHERE_IPV6 = "::"
+EVERYWHERE = frozenset({"", "0.0.0.0", EVERYWHERE_IPV6})  # noqa: S104 - told apart, not listened at
 
 
 def _new() -> str:
@@ -274,18 +279,21 @@ def page_of(
     # A port that was chosen must be free. Otherwise it is the next free one.
     is_asked = "port" in config.model_fields_set  # by itself, or in the host
     ports = {"port": _port(config.host, config.port, PORT, is_asked=is_asked, option=option)}
+    lan_host = ""
     if config.lan:
+        lan_host = _lan_host(config)
         is_asked = "lan_port" in layers.values
-        ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")
+        everywhere = EVERYWHERE_IPV6 if ":" in lan_host else ""
+        ports["lan_port"] = _port(
+            everywhere, config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port"
+        )
 
     # Links for this machine, and for others in its network
     shown_port = config.published_port or ports["port"]
     local_link = f"http://{_shown(config.host)}:{shown_port}/?token="
     lan_link = ""
-    if config.lan:
-        address = config.lan_address or next(iter(lan_addresses()), "")
-        if address:  # else the page says that there is none
-            lan_link = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    if lan_host:  # else the page says that there is none
+        lan_link = f"https://{_shown(lan_host)}:{ports['lan_port']}/?token="
     lan_url = ""
     viewer_lan_url = ""
     if lan_link:
@@ -310,6 +318,49 @@ def page_of(
         is_open_to_others=is_open_to_others,
         is_usual=is_unchanged and has_only_usual,
     )
+
+
+def _lan_host(config: WebConfig) -> str:
+    """Return the address at which the page will listen in the local network, or `""` if there is none.
+
+    Raises:
+        ConfigError: If `lan_address` is no address.
+    """
+    addresses = lan_addresses()
+    if not config.lan_address and not addresses:
+        return ""
+    return choose_address(config.lan_address, addresses)
+
+
+def is_listening(url: str) -> bool:
+    """Return True if a server accepts connections at `url`, an address of this machine."""
+    parts = urlsplit(url)
+    address = (parts.hostname or "", parts.port)
+    try:
+        socket.create_connection(address, CONNECT_S).close()
+    except OSError:
+        return False
+    return True
+
+
+def lan_lines(url: str, path: Path | None, advice: str, stream: TextIO | None = None) -> list[str]:
+    """Return the lines to print on the local network once the page is present, without a dead address.
+
+    Args:
+        url: URL of the page there. `""` if it is not to be open, or there is no network, which it reports.
+        path: the file with its link, or None.
+        advice: of `lan_advice`.
+        stream: where it is printed.
+    """
+    if not url:
+        return []
+    if not is_listening(url):
+        problem = f"the page does not listen at {without_token(url)}; its log has the reason"
+        return [f"--lan: not open to the local network: {problem}"]
+    lines = [f"--lan: the page is open to the local network, at {where(url, path, stream)}"]
+    if advice:
+        lines.append(f"--lan: {advice}")
+    return lines
 
 
 def _scan_url(link: str, token: str) -> str:

@@ -5,6 +5,7 @@ import math
 from pydantic import Field
 
 from pointit.geometry import rotation
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.schemas import SetMounting
 from pointit.schemas.base import Ns, QuaternionXyzw, SchemaModel
 from pointit.services.imu_bridge.config import ImuBridgeConfig, MountingName
@@ -55,10 +56,11 @@ class MountingSelection:
         if own is None:
             return
         if own.configured != config.mounting:
+            calibrate = advised_commands().command("pointit person calibrate mounting USER", "USER")
             self.warning = (
                 f"a mounting was measured while {own.configured} was configured, now it is "
-                f"{config.mounting}, as for another device: the measurement is not used; run "
-                "`pointit person calibrate mounting USER` again"
+                f"{config.mounting}, as for another device: the measurement is not used; run {calibrate} "
+                "again"
             )
         else:
             self.sensor_from_arm = rotation.normalized(own.sensor_from_arm_xyzw)

@@ -10,6 +10,7 @@ from typing import Literal
 
 from pointit.geometry import floor_sigma
 from pointit.geometry.vector import Vec3
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.schemas import (
     NS_PER_S,
     Announced,
@@ -270,16 +271,20 @@ class PoseManager:
         yield "external pose", 1.0 if self._external_pose.pose is not None else None, ""
         yield from self._tracking.figures(now_ns)
 
+    @property
+    def _anchor_command(self) -> str:
+        return advised_commands().command(f"pointit person anchor {self._user}", self._user)
+
     def problem(self, now_ns: int) -> str:
         """Return a problem of the pose and what to do, or `""` if there is none."""
         if self._external_pose.pose is not None and not self._external_pose.is_fresh(now_ns):
             return self._silence_text(now_ns)
         if self._tracking.has_lost_yaw:
             user = self._user
+            facing = advised_commands().command(f"pointit person pose {user} --facing …", user)
             return (
                 f"the IMU of {user} was restarted or turned: its yaw is unknown; localize again, point at "
-                f"a lamp (`pointit person anchor {user}`), or face a known direction "
-                f"(`pointit person pose {user} --facing …`)"
+                f"a lamp ({self._anchor_command}), or face a known direction ({facing})"
             )
 
         # Any configured limit, or somewhat more than was accepted
@@ -293,7 +298,7 @@ class PoseManager:
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}°, since IMUs drift; have them "
-            f"point at a lamp once: `pointit person anchor {self._user}`, or a double press of the button"
+            f"point at a lamp once: {self._anchor_command}, or a double press of the button"
         )
 
     def start(self, method: Method | None, now_ns: int) -> Response | Refusal:
@@ -404,10 +409,10 @@ class PoseManager:
 
     def _no_pose_text(self) -> str:
         user = self._user
-        return (
-            f"no pose of {user} is known; localize first (`pointit service call "
-            f"{START_LOCALIZATION.at(user)}`), or set it (`pointit service call {SET_POSE.at(user)}`)"
-        )
+        commands = advised_commands()
+        start = commands.command(f"pointit service call {START_LOCALIZATION.at(user)}", user)
+        set_pose = commands.command(f"pointit service call {SET_POSE.at(user)}", user)
+        return f"no pose of {user} is known; localize first ({start}), or set it ({set_pose})"
 
     def _silence_text(self, now_ns: int) -> str:
         age_s = self._external_pose.age_s(now_ns)

@@ -14,6 +14,7 @@ from pointit.maps.file import load_map_and_clouds, shipped_maps
 from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.service.people_share import PeopleShare
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
@@ -204,7 +205,8 @@ class Pui(Service[PuiConfig]):
         if duplicates:
             sentence = duplicates[0].sentence
         if len(duplicates) > 1:
-            sentence += f" ({len(duplicates) - 1} more: `pointit track`)"
+            track = advised_commands().command("pointit track")
+            sentence += f" ({len(duplicates) - 1} more: {track})"
         self.bus.warn("duplicate-objects", sentence)
 
     async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
@@ -290,9 +292,10 @@ class Pui(Service[PuiConfig]):
                 self._cues(user).put(cue)
         hint = ""
         if person.passing.hint:
+            calibrate = advised_commands().command(f"pointit person calibrate mounting {user}", user)
             hint = (
                 f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again "
-                f"(hold the button); if that does not help, `pointit person calibrate mounting {user}`"
+                f"(hold the button); if that does not help, {calibrate}"
             )
         self.bus.warn("misses", hint, user)
 

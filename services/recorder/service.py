@@ -10,6 +10,7 @@ from typing import ClassVar
 from pointit.recording.head import make_head
 from pointit.runtime.bus.contract import AnyTopic, Undecoded
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Message
@@ -144,9 +145,10 @@ class Recorder(Service[RecorderConfig]):
         if self._alone_s is not None and time.monotonic() - self._alone_s >= ALONE_S:
             self._alone_s = None
             log.warning(
-                "no service runs on site %s%s: `pointit doctor` tells of problems, Ctrl-C ends the recording",
+                "no service runs on site %s%s: %s finds out why, Ctrl-C ends the recording",
                 self.bus.site,
                 " any more" if self.has_received else "",
+                advised_commands().command("pointit doctor"),
             )
 
     def _warn(self, code: str, sentence: str, subject: str = "") -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.schemas import NS_PER_S, ActOutcome, ActResult, ThingState, ThingStates
 from pointit.schemas.environment import ThingMode
 from pointit.schemas.selection import FailureCode, ResultKind
@@ -260,7 +261,8 @@ class Acts:
             self._end_where_done(act)
             names = ", ".join(sorted(act.waits_for))
             if names:
-                text = f"{names} did not tell the result in time: look at `pointit doctor`"
+                doctor = advised_commands().command("pointit doctor")
+                text = f"{names} did not report the result in time: look at {doctor}"
                 act.problem = ("no_answer", text)
             self._pending.pop(act.key, None)
         return late

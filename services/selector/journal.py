@@ -13,6 +13,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.store import Store, StoreLayout, read_rows
 from pointit.schemas import NS_PER_S, ActOutcome, ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.base import Count, Ns
@@ -320,7 +321,8 @@ class History:
             try:
                 events = await asyncio.to_thread(_read, self._path, query)
             except sqlite3.Error as error:
-                raise RefusedError(f"the journal cannot be read ({error}): see `pointit doctor`") from error
+                doctor = advised_commands().command("pointit doctor")
+                raise RefusedError(f"the journal cannot be read ({error}): see {doctor}") from error
             finally:
                 await asyncio.sleep(PAUSE_S)
         return ReadHistoryReply(message=f"the last {len(events)} events", events=events)

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Literal, NamedTuple
 
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.schemas import NS_PER_S, Localization, PointingOffset
 from pointit.schemas.cues import Cue
 from pointit.schemas.pointing import PressEffect
@@ -183,7 +184,8 @@ def offset_in_use(user: str, offset: PointingOffset) -> str:
     date = ""
     if offset.fitted_ns:
         date = f" of {minute(offset.fitted_ns)}"
-    return f"{user}: an offset{date} is in use; `pointit person calibrate user {user} --erase` forgets it"
+    erase = advised_commands().command(f"pointit person calibrate user {user} --erase", user)
+    return f"{user}: an offset{date} is in use; {erase} forgets it"
 
 
 def minute(stamp_ns: int) -> str:

@@ -18,6 +18,7 @@ from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.missing_services import home_things
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, expected_services
 from pointit.diagnosis.symptoms import figure
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import Deployment, Environment, Health, Message, encode
 from pointit.schemas.system import OWN_SOURCE, RUN, instance_of, split_instance
@@ -192,6 +193,7 @@ class SiteObservation:
             deployments=deployments,
             home_things=self.home_things,
             speed=speed,
+            commands=advised_commands(),
         )
         missing = observation.expected.keys() - observation.present - self._left_s.keys()
         self._missed_s = {name: self._missed_s.get(name, now_s) for name in missing}

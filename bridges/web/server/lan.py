@@ -2,7 +2,6 @@
 
 import asyncio
 import datetime as dt
-import ipaddress
 import socket
 import ssl
 from collections.abc import Callable
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING
 from starlette.types import ASGIApp
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.lan_address import choose_address
 from pointit.bridges.web.server.listener import HttpListener, open_port, url
-from pointit.runtime.address_config import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.name_lookup import lan_addresses
 from pointit.runtime.host.state_file import site_folder
@@ -25,40 +24,12 @@ PORTS = 10
 """Number of ports to try, from the configured one on."""
 
 
-def choose_address(configured: str, addresses: list[str]) -> str:
-    """Return the address to listen at: `configured`, or the first of this machine's `addresses`.
-
-    Raises:
-        ConfigError: If `configured` is none of a machine, or it is empty and there are no `addresses`.
-    """
-    if not configured:
-        if not addresses:
-            raise ConfigError(
-                "this machine has no address in a local network: connect it to one, or name its "
-                "address, as in --set web.lan_address=192.168.1.20"
-            )
-        return addresses[0]
-
-    # One that is written down must be an address alone: browsers compare it with the certificate
-    try:
-        host, port = parse_address(configured)
-        parsed = ipaddress.ip_address(host)
-    except ValueError as error:
-        raise ConfigError(
-            f"lan_address: {configured!r} is not an address; write it like 192.168.1.20, or leave it empty"
-        ) from error
-    if port is not None:
-        raise ConfigError(f"lan_address: {configured!r} has a port; write {host}, and lan_port: {port}")
-    if parsed.is_unspecified or parsed.is_multicast:
-        raise ConfigError(
-            f"lan_address: {configured} is not the address of one machine; "
-            "write one of this machine's, or leave it empty"
-        )
-    return str(parsed)
-
-
 class Lan:
-    """The page's listener in the local network, closed until `open`."""
+    """The page's listener in the local network, closed until `open`.
+
+    A page that is open there from its start calls `listen` before it is present: an address that is printed
+    then is one that answers.
+    """
 
     def __init__(
         self,
@@ -74,6 +45,10 @@ class Lan:
         self._app = app
         self._addresses = addresses
         self._advice = advice
+        self._listening: socket.socket | None = None
+        """Socket at which clients wait for `open`, or None."""
+        self._own_addresses: list[str] = []
+        """Addresses of this machine when it was opened: those of the certificate."""
         self._listener: HttpListener | None = None
         self._opening = asyncio.Lock()
         self.address = ""
@@ -92,6 +67,22 @@ class Lan:
         now = dt.datetime.now(dt.UTC)
         return obtain(self._folder, addresses, socket.gethostname(), now)
 
+    def listen(self) -> None:
+        """Open the port, at which clients wait for `open`. Does nothing if it is open.
+
+        Raises:
+            RefusedError: If there is no address or port; says what to do.
+        """
+        if self._listening is not None:
+            return
+        self._own_addresses = self._addresses()
+        try:
+            address = choose_address(self._config.lan_address, self._own_addresses)
+            self._listening = self._bind(address)
+        except (ConfigError, ListenError) as error:
+            raise RefusedError(str(error)) from error
+        self.address = address
+
     async def open(self) -> str:
         """Open the listener and return `url`. Does nothing if it is open.
 
@@ -101,33 +92,36 @@ class Lan:
         async with self._opening:
             if self._listener is not None:
                 return self.url
-            # All that may be impossible, before anything is open
+            self.listen()
             try:
-                own_addresses = self._addresses()
-                address = choose_address(self._config.lan_address, own_addresses)
-                certificate = await asyncio.to_thread(self._certificate, [address, *own_addresses])
-                tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-                tls.load_cert_chain(certificate.certificate, certificate.key)
-                listening = self._bind(address)
-            except (ConfigError, ListenError) as error:
-                raise RefusedError(str(error)) from error
-
-            # A cancelled start leaves no listener behind
-            listener = HttpListener(self._app, listening, tls)
-            try:
-                await listener.start()
-            except BaseException:
-                await listener.close()
+                await self._serve()
+            except BaseException as error:
+                self._hang_up()  # neither an error nor a cancelled start leaves an open port behind
+                if isinstance(error, ConfigError):
+                    raise RefusedError(str(error)) from error
                 raise
-
-            self._listener = listener
-            self.address = address
-            self.url = url("https", address, listener.port)
-            self.fingerprint = certificate.fingerprint
-            advice = await asyncio.to_thread(self._advice, listener.port)
-            notes = [certificate.warning, self._port_note(listener.port), advice]
-            self.note = " ".join(note for note in notes if note)
             return self.url
+
+    async def _serve(self) -> None:
+        """Accept connections at the open port. Raises ConfigError: the certificate cannot be kept."""
+        assert self._listening is not None  # noqa: S101 - `listen` was called before
+        own_addresses = [self.address, *self._own_addresses]
+        certificate = await asyncio.to_thread(self._certificate, own_addresses)
+        tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        tls.load_cert_chain(certificate.certificate, certificate.key)
+        listener = HttpListener(self._app, self._listening, tls)
+        advice = await asyncio.to_thread(self._advice, listener.port)
+        try:
+            await listener.start()
+        except BaseException:
+            await listener.close()
+            raise
+
+        self._listener = listener
+        self.url = url("https", self.address, listener.port)
+        self.fingerprint = certificate.fingerprint
+        notes = [certificate.warning, self._port_note(listener.port), advice]
+        self.note = " ".join(note for note in notes if note)
 
     def _port_note(self, port: int) -> str:
         """Return a sentence if `port` is not the configured one, else `""`."""
@@ -144,6 +138,13 @@ class Lan:
             self.url = ""
             if listener is not None:
                 await listener.close()
+            self._hang_up()
+
+    def _hang_up(self) -> None:
+        """Close the port."""
+        if self._listening is not None:
+            self._listening.close()
+            self._listening = None
 
     def _bind(self, address: str) -> socket.socket:
         first = self._config.lan_port

@@ -31,6 +31,7 @@ from pointit.diagnosis.missing_services import home_things, is_anything_starting
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, stopped_processes
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import ConnectError, RejectedError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.extras import CHECKOUT
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, SILENT_S, Link
 from pointit.runtime.link.options import given_credentials
@@ -144,6 +145,7 @@ class SiteObserver:
             speed=1.0 if tick is None else tick.speed,
             options=_options(link),
             identities=_identities(link),
+            commands=advised_commands(),
         )
 
     def _end_s(self, link: Link) -> float:
@@ -234,6 +236,7 @@ def command(
             is_refused=is_refused,
             is_secured=credentials is not None,
             rejection=str(error) if isinstance(error, RejectedError) else "",
+            commands=advised_commands(),
         )
         nothing = Observation(began_s=0.0, now_s=0.0)
         return _print_report(nothing, [finding], identities, site, as_json=as_json)

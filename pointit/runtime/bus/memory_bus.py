@@ -25,6 +25,7 @@ from pointit.runtime.bus.contract import (
 )
 from pointit.runtime.bus.mailbox import Dispatcher, Mailbox, TapMailbox
 from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.schemas import Message, Query, Reply
 from pointit.schemas.problems import Problem
 from pointit.schemas.table_types import PresenceHandler
@@ -326,9 +327,8 @@ def shutting_down(request: Request[Any, Any]) -> str:
 def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = None) -> NoAnswerError:
     """Return the error for a missing answer. It names the service that should answer `key`."""
     waited = "" if timeout_s is None else f" within {timeout_s:g} s"
-    return NoAnswerError(
-        f"{request.server} does not answer {key}{waited}; is it running? See `pointit doctor`"
-    )
+    doctor = advised_commands().command("pointit doctor")
+    return NoAnswerError(f"{request.server} does not answer {key}{waited}; is it running? See {doctor}")
 
 
 class MemoryBus(Participant):

@@ -8,8 +8,8 @@ from pointit.runtime.errors import ConfigError
 PREFIX = "POINTIT_"
 LOG_FORMAT = "POINTIT_LOG_FORMAT"
 """Variable that chooses the form of logs: `plain` or `json`."""
-OTHERS = ("POINTIT_CREDENTIALS", "POINTIT_DATA", LOG_FORMAT, "POINTIT_STATE")
-"""Variables that begin so and belong to no service: places of files, and the form of logs."""
+OTHERS = ("POINTIT_CONTAINERS", "POINTIT_CREDENTIALS", "POINTIT_DATA", LOG_FORMAT, "POINTIT_STATE")
+"""Variables that begin so and belong to no service: containers, places of files, and the form of logs."""
 SEPARATOR = "__"
 """Between the service and its parameter, and between the parts of a nested one."""
 

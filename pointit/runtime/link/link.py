@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.advised_commands import AdvisedCommands, advised_commands
 from pointit.runtime.host.state_file import read_limited, read_secret
 
 VARIABLE = "POINTIT_CREDENTIALS"
@@ -58,11 +59,6 @@ SILENT_S = 3.0
 """Time without a report at which a present service is stopped, or too busy to report, s."""
 MANY = 4
 """Minimum number of services that are gone together. Of fewer, each is named with its own remedy."""
-
-AGAIN = (
-    "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where it "
-    "ran, with `pointit run` or `pointit router`; the services come back by themselves"
-)
 
 
 class LinkFile(Config):
@@ -114,10 +110,7 @@ class Credentials:
             return ""
         name = self.link.name
         end = f"{self.link.valid_until:%Y-%m-%d}"
-        return (
-            f"the credentials of {name} end on {end}; renew them with "
-            f"`pointit site renew {name}` before, and copy the folder here"
-        )
+        return f"the credentials of {name} end on {end}; before that, {advised_commands().renew(name)}"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings for Zenoh's configuration. They hold secrets: never show them."""
@@ -181,7 +174,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
         )
     if now > link.valid_until:
         end = f"{link.valid_until:%Y-%m-%d}"
-        remedy = f"renew it with `pointit site renew {link.name}` and copy the folder here"
+        remedy = advised_commands().renew(link.name)
         raise ConfigError(f"{certificate}: has expired on {end}; {remedy}")
     return Credentials(folder=folder, link=link)
 
@@ -264,24 +257,45 @@ class Outage:
 
     sentence: str
     remedy: str
+    is_of_router: bool
+    """True if the router is lost, False if most of the site vanished while it answers."""
 
 
-def find_outage(known: Collection[str], gone: Collection[str], lost_router: str) -> Outage | None:
+def restart_router_remedy(commands: AdvisedCommands) -> str:
+    """Return the remedy of a router that does not answer."""
+    if commands.containers:
+        return f"start it again: {commands.start_router()}; the services come back by themselves"
+    return (
+        "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where "
+        "it ran, with `pointit run` or `pointit router`; the services come back by themselves"
+    )
+
+
+def find_outage(
+    known: Collection[str], gone: Collection[str], lost_router: str, commands: AdvisedCommands
+) -> Outage | None:
     """Return the outage if the router is lost or most of the site vanished together, else None.
 
     `known`: instances that run or should run; `gone`: those of them that left, are absent or silent;
-    `lost_router`: the address of the router that a service has lost, or `""`.
+    `lost_router`: the address of the router that a service has lost, or `""`; `commands`: as the reader of
+    the remedy types them.
     """
     majority = f"{len(gone)} of {len(known)} services are"
     is_majority = len(gone) >= MANY and 2 * len(gone) > len(known)
     if lost_router:
         sentence = f"the router at {lost_router} does not answer: "
         sentence += f"{majority} out of reach" if is_majority else "nothing arrives from other machines"
-        return Outage(sentence, AGAIN)
+        return Outage(sentence, restart_router_remedy(commands), is_of_router=True)
     if not is_majority:
         return None
+    remedy = (
+        "look there: continue it (`kill -CONT PID`), or start it again; the log of what started them has the "
+        "command"
+    )
+    if commands.containers:
+        remedy = f"start what has ended: {commands.compose('up -d')}"
     return Outage(
         f"{majority} gone together: what started them has ended, is stopped, or is cut off from the router",
-        "look there: continue it (`kill -CONT PID`), or start it again; the log of what started them has the "
-        "command",
+        remedy,
+        is_of_router=False,
     )

@@ -3,6 +3,7 @@
 import socket
 import ssl
 
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.link.link import CA, CERTIFICATE, ENDPOINT, KEY, SECURE, Credentials, PassingRefusal
 from pointit.schemas.text import system_reason
 
@@ -72,7 +73,7 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     if credentials.link.password:
         return PassingRefusal(
             f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "
-            f"persists, renew it with `pointit site renew {name}` and copy the folder here"
+            f"persists, {advised_commands().renew(name)}"
         )
     return ""
 
@@ -110,21 +111,22 @@ def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credenti
         if (error.reason or "").endswith(alert):
             return (
                 f"the router at {endpoint} refuses {name}'s certificate: it {cause}; "
-                f"renew it with `pointit site renew {name}`"
+                f"renew it with {advised_commands().site(f'renew {name}')}"
             )
     return PassingRefusal(f"{endpoint} does not speak TLS as a router does ({system_reason(error)})")
 
 
 def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:
     router = f"the router at {endpoint}"
+    commands = advised_commands()
     if error.verify_code == X509_TOO_OLD:
-        return f"{router} has a certificate that expired; renew it with `pointit site renew router`"
+        return f"{router} has a certificate that expired; renew it with {commands.site('renew router')}"
     if error.verify_code == X509_TOO_YOUNG:
         return f"{router} has a certificate that is not valid yet by this machine's clock; set the clock"
     if error.verify_code in X509_OTHER_HOST:
         return (
             f"{router} has a certificate for other names; "
-            "add this one with `pointit site renew router --host NAME`"
+            f"add this one with {commands.site('renew router --host NAME')}"
         )
     return (
         f"{router} is not the one of site {credentials.link.site}: another authority certified it; "

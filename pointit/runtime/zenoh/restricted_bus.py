@@ -18,6 +18,7 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, AnyTopic
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError, PointItError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.link.link import JOIN, ROOM, VERBS, Credentials, Link
 from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -265,7 +266,7 @@ def _unknown_identity_error(credentials: Credentials) -> str:
     name = credentials.link.name
     return (
         f"{credentials.description} may do nothing here: it was revoked or its certificate replaced; copy "
-        f"the folder here again, or make one with `pointit site renew {name}`"
+        f"the folder here again, or make one with {advised_commands().site(f'renew {name}')}"
     )
 
 
@@ -273,7 +274,8 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
     named = first_of(keys, MAX_KEYS)
     person = _person(keys[0])
     if person and person != credentials.link.name:
-        remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"
+        added = advised_commands().site(f"user add {person}")
+        remedy = f"use credentials of {person}, or have them added with {added}"
     else:
         remedy = "use credentials of that role, or those of the site's supervisor"
     action = f"{WORDS[verb]} {named}"

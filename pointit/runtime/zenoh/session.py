@@ -27,6 +27,7 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import BusError, ConfigError, ConnectError, ListenError, RejectedError
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.extras import is_there, load_object
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, Credentials, Link, PassingRefusal, check_addresses, ports_of
@@ -288,9 +289,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         refusal = await in_daemon_thread(lambda: refusals(link), "refusal")
         if not refusal:
             welcome_s = loop.time()
-            return ConnectError(
-                f"nobody answers at {addresses}; is `pointit run` or `pointit router` running there?"
-            )
+            return ConnectError(f"nobody answers at {addresses}; {_start_question()}")
         passes = isinstance(refusal, PassingRefusal) and loop.time() - welcome_s < PASSES_S
         if patience_s is not None and not passes:
             raise RejectedError(refusal) from error
@@ -340,3 +339,10 @@ def refusals(link: Link) -> str:
     if not reasons or not all(reasons):
         return ""
     return reasons[0]
+
+
+def _start_question() -> str:
+    commands = advised_commands()
+    if commands.containers:
+        return f"is its router running? {commands.start_router()} starts it again"
+    return "is `pointit run` or `pointit router` running there?"

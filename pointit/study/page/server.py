@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import logging
 import time
 from collections.abc import AsyncGenerator
 from dataclasses import replace
@@ -22,6 +23,8 @@ from pointit.bridges.web.server.bundle import Bundle, Pieces, file_response, ref
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.listener import HttpListener, open_port, url
 from pointit.study.page.view import Page, PageView
+
+log = logging.getLogger(__name__)
 
 STATIC = Path(__file__).parent / "static"
 HOST = "127.0.0.1"
@@ -51,6 +54,8 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
             stack.push_async_callback(network.close)
             base = await network.open()
             access.know_hosts([network.address])
+            if network.note:
+                log.warning("%s", network.note)
         else:
             listener = HttpListener(app, open_port(HOST, 0, "--page"))
             stack.push_async_callback(listener.close)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pointit.geometry.array_types import Array
+from pointit.runtime.host.advised_commands import advised_commands
 from pointit.services.localizer.estimation.estimator import solve
 from pointit.services.localizer.estimation.levenberg_marquardt import Complex, angular_errors, minimize
 from pointit.services.localizer.estimation.pointings import Pointings, blocks, in_time
@@ -50,13 +51,10 @@ FOLLOWS_FREEDOM = 4.0
 FOLLOWS = 2.0
 """Rms of the azimuths up to which the arm follows the robot, in sigmas of a ray."""
 
-MOUNTED = (
-    "the rays turn with the {} and {}: the sensor seems to be mounted {} the arm; "
-    "run `pointit person calibrate mounting USER`"
-)
+MOUNTED = "the rays turn with the {} and {}: the sensor seems to be mounted {} the arm; run {}"
 SUSPECTED = (
     "the rays rise and sink only {:.1f} times as much as the robot; keep following it with the arm straight, "
-    "and if this stays run `pointit person calibrate mounting USER`"
+    "and if this stays run {}"
 )
 
 
@@ -127,15 +125,16 @@ def mounting_fault(
         target = "robot"
         sinking = "sink where it rises"
         level = "do not rise with it"
+    calibrate = advised_commands().command("pointit person calibrate mounting USER", "USER")
     if is_wrong and is_backwards:
-        return MOUNTED.format(target, sinking, "backwards on")
+        return MOUNTED.format(target, sinking, "backwards on", calibrate)
     if is_wrong:
-        return MOUNTED.format(target, level, "across")
+        return MOUNTED.format(target, level, "across", calibrate)
 
     # Longer following can resolve a doubt. Holds at lamps are all there will be.
     is_doubtful = fit is result and slope.is_doubtful
     if is_doubtful and not holds:
-        return SUSPECTED.format(max(slope.value, 0.0))
+        return SUSPECTED.format(max(slope.value, 0.0), calibrate)
     return ""
 
 

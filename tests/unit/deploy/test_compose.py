@@ -14,6 +14,7 @@ from packaging.version import Version
 
 from pointit.bridges.web.server.access import CONTAINER
 from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.host.advised_commands import CONTAINERS, USUAL_SITE
 from pointit.runtime.service.process import load_config
 from pointit.services.registry import PROCESSES, process
 from tests.unit.deploy.stack import DEPLOY, compose, parse
@@ -158,6 +159,7 @@ def test_the_image() -> None:
     assert "\nUSER 10001:10001\n" in last
     assert "\nHEALTHCHECK " in last
     assert f" {CONTAINER}=" in last  # the page may listen at more than 127.0.0.1 there only
+    assert f" {CONTAINERS}={USUAL_SITE} " in last
     assert "COPY --from=build /opt/pointit" in last
     ignored = (DEPLOY.parent / ".dockerignore").read_text(encoding="utf-8").splitlines()
     assert "*" in ignored  # what is not named stays out: no key, no recording, no history
@@ -166,6 +168,14 @@ def test_the_image() -> None:
     assert text.count("--require-hashes -r") == 2
     needed = {row.extra for row in PROCESSES if row.name in BASE["services"]} - {""}
     assert needed <= LOCKS["image"]
+
+
+@pytest.mark.parametrize("stack", ["compose.yaml", "compose.user.yaml"])
+def test_containers_know_how_their_names_begin(stack: str) -> None:
+    rows = compose(stack, SITE="hall", USER_NAME="anna")["services"].values()
+    told = {row["container_name"]: row["environment"].get(CONTAINERS) for row in rows if "command" in row}
+    assert set(told.values()) == {"hall"}
+    assert all(name.startswith("hall-") for name in told)
 
 
 def _links(folder: Path) -> set[str]:

@@ -29,7 +29,7 @@ ACTS = {
     "full disk": "make room there",
     "clock": "synchronize both by NTP: `timedatectl set-ntp true`",
     "second process": "end all but one",
-    "version": "a writer of another version? `pointit --version` on both machines",
+    "version": "a writer of another version? ",
     "message": "end what writes them there",
     "slow link": "check the link to their writer",
     "ended": "start it, or correct `url`",

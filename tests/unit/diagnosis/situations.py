@@ -9,6 +9,7 @@ from pointit.diagnosis.causes import unreachable
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import Finding, StoppedProcess
 from pointit.diagnosis.symptoms import ANCHOR_AGE, YAW_SIGMA
+from pointit.runtime.host.advised_commands import AdvisedCommands
 from pointit.runtime.link.link import ROUTER_LOST as LOST
 from pointit.schemas import Figure
 from pointit.schemas.problems import (
@@ -77,7 +78,12 @@ def outside(
     def finding(_site: Site) -> Finding:
         at = (StoppedProcess(stopped, ("pointit", "run")),) if stopped else ()
         return unreachable(
-            SECURED if secured else AT, at, is_refused=refused, is_secured=secured, rejection=rejection
+            SECURED if secured else AT,
+            at,
+            is_refused=refused,
+            is_secured=secured,
+            rejection=rejection,
+            commands=AdvisedCommands(),
         )
 
     return finding

@@ -12,7 +12,8 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server.lan import Lan, choose_address
+from pointit.bridges.web.lan_address import choose_address
+from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.listener import url
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder

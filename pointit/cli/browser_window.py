@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from pointit.runtime.bus.contract import Bus
@@ -77,19 +77,34 @@ class BrowserWindow:
             log.warning("no browser could be opened: open the address of the page yourself")
 
 
+class PagePresence:
+    """Calls `action` once, as soon as the page `instance` is present, and so listens."""
+
+    def __init__(self, bus: Bus, instance: str, action: Callable[[], None]) -> None:
+        self._instance = instance
+        self._action = action
+        self._is_done = False
+        self._watching = bus.watch(SERVICE_ALIVE, self._on_presence)
+
+    def close(self) -> None:
+        """Do not call it any more."""
+        self._watching.close()
+
+    def _on_presence(self, name: str, *, present: bool) -> None:
+        if name != self._instance or not present or self._is_done:
+            return
+        self._is_done = True
+        self._action()
+
+
 class PageOpener:
     """Opens `file`, see `BrowserWindow`, as soon as `instance` is present."""
 
     def __init__(self, bus: Bus, instance: str, file: Path) -> None:
-        self._instance = instance
         self._window = BrowserWindow(file)
-        self._watching = bus.watch(SERVICE_ALIVE, self._on_presence)
+        self._presence = PagePresence(bus, instance, self._window.open)
 
     def close(self) -> None:
         """Do not open it any more; remove the copy made for the browser."""
-        self._watching.close()
+        self._presence.close()
         self._window.close()
-
-    def _on_presence(self, name: str, *, present: bool) -> None:
-        if name == self._instance and present:
-            self._window.open()

@@ -53,7 +53,7 @@ from pointit.schemas.topics import SERVICE_ALIVE
 
 if TYPE_CHECKING:
     from pointit.recording.reader import Recording
-from pointit.cli.browser_window import BrowserWindow, PageOpener, is_wanted
+from pointit.cli.browser_window import BrowserWindow, PageOpener, PagePresence, is_wanted
 
 log = logging.getLogger(__name__)
 
@@ -416,25 +416,22 @@ def _port_settings(port: int | None, address: str, *, is_lan: bool) -> dict[str,
     return settings
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class DashboardLines:
-    """Prints where a dashboard is, once it is present and listens."""
+    """Addresses of a dashboard, to be printed once it is present."""
 
-    def __init__(self, instance: str, url: str, lan_url: str, file: Path | None, advice: str) -> None:
-        """Create it. `file`: holds the links, or None. `advice`: of `lan_advice`."""
-        self._instance = instance
-        self._url = url
-        self._lan_url = lan_url
-        self._file = file
-        self._advice = advice
-        self._is_printed = False
+    url: str
+    lan_url: str
+    """`""` if it is not open to the local network."""
+    file: Path | None
+    """File with the links, or None."""
+    lan_advice: str
+    """See `windows_subsystem.lan_advice`."""
 
-    def on_presence(self, name: str, *, present: bool) -> None:
-        """Print the addresses if this page has come."""
-        if name != self._instance or not present or self._is_printed:
-            return
-        self._is_printed = True
-        click.echo(f"page: {where(self._url, self._file, sys.stdout)}")
-        for line in lan_lines(self._lan_url, self._file, self._advice, sys.stdout):
+    def print(self) -> None:
+        """Print those at which it listens."""
+        click.echo(f"page: {where(self.url, self.file, sys.stdout)}")
+        for line in lan_lines(self.lan_url, self.file, self.lan_advice, sys.stdout):
             click.echo(line)
 
 
@@ -458,8 +455,8 @@ async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: 
         with contextlib.ExitStack() as stack:
             file = stack.enter_context(page_link_file(bus.site, url, lan_url))
             advice = await asyncio.to_thread(lan_advice, page.config.lan_port) if lan_url else ""
-            lines = DashboardLines(launch.instance, url, lan_url, file, advice)
-            stack.callback(bus.watch(SERVICE_ALIVE, lines.on_presence).close)
+            lines = DashboardLines(url=url, lan_url=lan_url, file=file, lan_advice=advice)
+            stack.callback(PagePresence(bus, launch.instance, lines.print).close)
             opens_browser = is_open and is_wanted()
             if file is not None and opens_browser:
                 stack.callback(PageOpener(bus, launch.instance, file).close)

@@ -33,6 +33,8 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 - `RecogniserPlugin` (`pointit.recognisers`): turns what a microphone hears into words (`Recogniser`).
 
 A service that shows a site keeps a `SiteState`: its newest messages, without those that are no longer valid.
+One that moves a machine to where people point keeps `PointingPeople`: their rays, and whose turn it is. A
+simulated person with a behaviour of your own is a `UserSim`.
 
 A plug-in gets the values of its parameters, already validated, and its `Surroundings`: the clock of all
 stamps, health, in which it reports problems and metrics, and a folder for what it stores. It has no bus. Only
@@ -133,6 +135,7 @@ from pointit.services.selector.selection_methods import (
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
 from pointit.site.following import follow_site, follow_topics
+from pointit.site.pointing_people import PersonRay, PointingPeople
 from pointit.site.site_state import Change, SiteState
 from pointit.speech.grammar import Vocabulary
 from pointit.speech.recogniser import RECOGNISERS, Audio, Recogniser, RecogniserPlugin
@@ -201,9 +204,11 @@ __all__ = [
     "PersonGoal",
     "PersonMessages",
     "PersonMethod",
+    "PersonRay",
     "PixelOutput",
     "Plugin",
     "PluginGroup",
+    "PointingPeople",
     "PointingSample",
     "Press",
     "Quaternion",

@@ -230,7 +230,7 @@ class PersonGoal:
     lit: bool = False
     """True if the object's own light shows that the person points at it."""
     robot: str = ""
-    """Robot that follows the hand and so shows the cursor, or `""`: light does."""
+    """Robot, or tracked object of one, that follows the hand and so shows the cursor, or `""`: light does."""
     presses: int = 0
     """Number of presses of the button that the person has decided on so far."""
     gesture: Gesture = "press"

@@ -66,18 +66,36 @@ class Perception:
             self._look_at_lights(now_ns, goal)
 
     def _watch_robot(self, now_ns: int, goal: PersonGoal) -> None:
-        """Look at the robot that follows: it, or the place below it if the goal is low, is the cursor."""
-        robot = self._sight.robots(now_ns).get(goal.robot)
+        """Look at the robot that follows: it, or the place below it if the goal is low, is the cursor.
+
+        Of a robot's part that is a tracked object, such as a hand, it is the place below, at that height.
+        """
         self._correction.wait(now_ns)
-        if robot is None or goal.point_m is None:
+        robot = self._sight.robots(now_ns).get(goal.robot)
+        part = self._sight.find(goal.robot, now_ns)
+        if goal.point_m is None:
             return
-        if vector.norm(robot.velocity_mps) > ROBOT_STILL_MPS:
+        goal_height_m = goal.point_m[2]
+
+        if robot is not None:
+            x, y, z = robot.position_m
+            height_m = z if goal_height_m > IN_AIR_M else goal_height_m
+            velocity_mps = robot.velocity_mps
+            stamp_ns = robot.stamp_ns
+        elif part is not None:
+            x, y, _ = part.thing.position_m
+            height_m = goal_height_m
+            velocity_mps = part.thing.velocity_mps
+            stamp_ns = part.stamp_ns
+        else:
             return
-        if robot.stamp_ns - self._correction.steady_since_ns < ROBOT_LAG_S * NS_PER_S:
+
+        # While it is under way, it is not where they point
+        if vector.norm(velocity_mps) > ROBOT_STILL_MPS:
             return
-        x, y, z = robot.position_m
-        height_m = z if goal.point_m[2] > IN_AIR_M else goal.point_m[2]
-        self._correction.see((x, y, height_m), robot.stamp_ns, goal)
+        if stamp_ns - self._correction.steady_since_ns < ROBOT_LAG_S * NS_PER_S:
+            return
+        self._correction.see((x, y, height_m), stamp_ns, goal)
 
     def _look_at_lights(self, now_ns: int, goal: PersonGoal) -> None:
         frame_ns = self._sight.frame_ns

@@ -5,9 +5,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import ticks
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample, topics
+from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, Speech, Word, WristSample, topics
 from pointit.services.user_sim.behaviour import Behaviour
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import SimulatedPerson
@@ -33,6 +34,10 @@ class UserSim(Service[UserSimConfig]):
     NAME: ClassVar[str] = "user-sim"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = UserSimConfig
+    READS: ClassVar[tuple[topics.Topic[Any], ...]] = (*IN_THE_ROOM, *OWN, topics.WRIST)
+    """Topics that a simulated person reads, also one of another package."""
+    WRITES: ClassVar[tuple[topics.Topic[Any], ...]] = (topics.IMU, topics.BUTTON)
+    """Topics that they write. Those who `say` something also write `topics.SPEECH`."""
 
     def __init__(self, config: UserSimConfig, context: Context) -> None:
         super().__init__(config, context)
@@ -44,6 +49,8 @@ class UserSim(Service[UserSimConfig]):
         self._has_yielded = False
         self._imu = self.bus.publisher(topics.IMU, self.user)
         self._button = self.bus.publisher(topics.BUTTON, self.user)
+        self._speech: Publisher[Speech] | None = None
+        """Publisher of what they say. None: they have said nothing."""
         for shared in IN_THE_ROOM:
             self.bus.subscribe(shared, self.see)
         for own in OWN:
@@ -79,6 +86,14 @@ class UserSim(Service[UserSimConfig]):
     def see(self, message: Message, name: str) -> None:
         """Show a message to the person."""
         self._person.see(self.clock.now_ns(), message, name)
+
+    def say(self, text: str) -> None:
+        """Speak `text`, as a recogniser would understand it."""
+        if self._speech is None:
+            self._speech = self.bus.publisher(topics.SPEECH, self.user)
+        now_ns = self.clock.now_ns()
+        words = tuple(Word(text=word, start_ns=now_ns, end_ns=now_ns) for word in text.split())
+        self._speech.put(Speech(stamp_ns=now_ns, words=words, recogniser="simulated"))
 
 
 SERVICE = UserSim

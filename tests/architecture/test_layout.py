@@ -69,6 +69,7 @@ DEVICES = {
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
     *("pointit.runtime.address_config", "pointit.runtime.host.extras"),
+    *("pointit.runtime.host.advised_commands",),
     *("pointit.runtime.host.state_file", "pointit.runtime.host.store", "pointit.runtime.host.unpacking"),
     *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.discovery"),
 )

@@ -19,6 +19,7 @@ from examples.arm.pointed_arm.simulated_arm import SimulatedArm, Vec3, joint_ang
 from pointit.plugins import Context, Cursor, Speech, TrackedObjects, Word, topics
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import ButtonEvent, UserPose
+from pointit.schemas.topics import USER_ALIVE
 from pointit.testing import Bench, in_virtual_time, memory_bench, no_task_left
 from tests.architecture.sources import ROOT
 from tests.support import strangers
@@ -190,6 +191,21 @@ async def test_refusals_name_the_reason() -> None:
         stage.bench.put(topics.POSE, ben, "ben")
         await stage.point(FREE_M)
         assert "ben stands within 0.5 m" in stage.state.text
+        assert stage.state.holds == "box2"
+
+
+@in_virtual_time
+async def test_person_who_has_left_is_not_in_the_way() -> None:
+    async with staged() as stage:
+        presence = stage.bench.bus.announce(USER_ALIVE, "ben")
+        ben = UserPose(stamp_ns=stage.bench.clock.now_ns(), position_m=(1.4, -0.1, 0.0), yaw_rad=0.0)
+        stage.bench.put(topics.POSE, ben, "ben")
+        await stage.point(NEXT_M)
+        assert "ben stands within 0.5 m" in stage.state.text
+
+        presence.close()
+        await stage.point(NEXT_M)
+        await stage.press()
         assert stage.state.holds == "box2"
 
 

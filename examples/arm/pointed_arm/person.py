@@ -16,12 +16,9 @@ from pointit.plugins import (
     PersonGoal,
     Scope,
     ServicePlugin,
-    Speech,
     Topic,
-    TrackedObjects,
     UserSim,
     UserSimConfig,
-    Word,
     topics,
 )
 
@@ -80,36 +77,10 @@ class ArmUser(UserSim):
         self.places_m = config.places_m
         super().__init__(config, context)
         self.wishes = self.bus.publisher(WISH, self.user)
-        self._speech = self.bus.publisher(topics.SPEECH, self.user)
-        self.bus.subscribe(topics.OBJECTS, self._see_hand, "arm")
 
     def new_behaviour(self) -> "Taking":
         """Return their behaviour while they may point."""
         return Taking(self)
-
-    def say(self, text: str, now_ns: int) -> None:
-        """Speak one word."""
-        word = Word(text=text, start_ns=now_ns, end_ns=now_ns)
-        self._speech.put(Speech(stamp_ns=now_ns, words=(word,), recogniser="simulated"))
-
-    def _see_hand(self, listed: TrackedObjects, _name: str) -> None:
-        """See where the hand is: the place below it is where the system believes that they point."""
-        table_m = min((thing.position_m[2] for thing in listed.objects if thing.press), default=0.0)
-        for thing in listed.objects:
-            if thing.id != HAND:
-                continue
-            x, y, _ = thing.position_m
-            # People see robots: the hand is shown to this one as a robot on the table
-            state = topics.ROBOT_STATE.message(
-                stamp_ns=listed.stamp_ns,
-                kind="ground",
-                phase="moving",
-                position_m=(x, y, table_m),
-                yaw_rad=0.0,
-                velocity_mps=thing.velocity_mps,
-                radius_m=0.05,
-            )
-            self.see(state, HAND)
 
 
 class Taking:
@@ -157,7 +128,7 @@ class Taking:
                 yield from self._press_when_above()
                 yield from self._wait(lambda: self._lifted() != "")
                 if self._lifted() not in ("", box):
-                    self._person.say("no", self._now_ns)
+                    self._person.say("no")
                     yield from self._wait(lambda: self._lifted() == "")
 
             # Put it down
@@ -214,15 +185,6 @@ ARM_USER = ServicePlugin(
     summary="a simulated person who takes boxes with the arm",
     config=ArmUserConfig,
     make=ArmUser,
-    reads=(
-        topics.MAP,
-        topics.OBJECTS,
-        topics.ROBOT_STATE,
-        topics.STRIPS_FRAME,
-        topics.LAMP_COLOR,
-        topics.FEEDBACK,
-        topics.PROFILE,
-        topics.WRIST,
-    ),
-    writes=(topics.IMU, topics.BUTTON, topics.SPEECH, WISH),
+    reads=UserSim.READS,
+    writes=(*UserSim.WRITES, topics.SPEECH, WISH),
 )

@@ -11,18 +11,21 @@ from pointit.plugins import (
     Config,
     Context,
     PersonMessages,
+    PersonRay,
+    PointingPeople,
     Scope,
     Service,
     ServicePlugin,
+    SiteState,
     Speech,
     TrackedObjects,
+    follow_site,
     ticks,
     topics,
     vector,
 )
 
 from .messages import ARM_STATE, PUT_BACK, ArmState, PutBack, PutBackReply
-from .pointers import Pointers, Ray
 from .shown_objects import shown_boxes, shown_links
 from .simulated_arm import SimulatedArm, Vec3, joint_angles
 
@@ -36,8 +39,6 @@ STAYS = 0.75
 SUCTION_S = 0.3
 APART = 1.4
 """Least distance of two boxes' middles, edges of a box."""
-LEAST_FALL = 0.05
-"""Least downward part of a unit vector that is taken to point at the table."""
 REACH_STEPS = 20
 """Number of steps in which a place within reach is looked for."""
 WORDS_OF_YES = ("yes", "take it", "put it there")
@@ -89,9 +90,9 @@ class Arm(Service[ArmConfig]):
         """Box above which the hand hovers, or goes."""
         self._held = ""
         self._program: Program | None = None
-        self._pointers = Pointers()
-        self._people_m: dict[str, Vec3] = {}
-        """Known positions of people."""
+        self._people = PointingPeople()
+        self._site = SiteState()
+        """Poses of people who are there."""
         self._hindrance = ""
         """Reason why the hand cannot hover where its owner points, or an empty text."""
         self._text = ""
@@ -104,8 +105,8 @@ class Arm(Service[ArmConfig]):
         self._state = self.bus.publisher(ARM_STATE)
         self._state.put(self._shown)
         self.bus.serve(PUT_BACK, self._serve_put_back)
-        self.bus.subscribe(topics.CURSOR, self._pointers.on_cursor)
-        self.bus.subscribe(topics.POSE, lambda pose, user: self._people_m.update({user: pose.position_m}))
+        self.bus.subscribe(topics.CURSOR, self._people.on_cursor)
+        follow_site(self._site, self.bus, lambda: self.clock.now_ns() / NS_PER_S, (topics.POSE,))
         self.bus.subscribe(topics.BUTTON, lambda event, user: self._on_press(user, event.gesture))
         self.bus.subscribe(topics.SPEECH, self._on_speech)
 
@@ -133,8 +134,8 @@ class Arm(Service[ArmConfig]):
     # What people do
 
     def _on_press(self, user: str, gesture: str) -> None:
-        owner = self._pointers.owner
-        if gesture != "press" or user not in self._pointers or not owner:
+        owner = self._people.owner
+        if gesture != "press" or user not in self._people or not owner:
             return
         if user != owner:
             self._say(f"{owner} uses the arm: wait until they point elsewhere", user)
@@ -155,7 +156,7 @@ class Arm(Service[ArmConfig]):
         words = " ".join(word.text.lower() for word in speech.words)
         if words in WORDS_OF_YES:
             self._on_press(user, "press")
-        elif words in WORDS_OF_NO and user == self._pointers.owner:
+        elif words in WORDS_OF_NO and user == self._people.owner:
             self._say(self._put_back(), user)
 
     async def _serve_put_back(self, _query: PutBack, _name: str) -> PutBackReply:
@@ -166,12 +167,12 @@ class Arm(Service[ArmConfig]):
     def _hover(self, now_ns: int) -> None:
         """Hover above the box that the owner means, or with a box where they point."""
         is_busy = bool(self._held)
-        self._pointers.choose_owner(now_ns, lambda ray: bool(self._meant_box(ray)), is_busy=is_busy)
+        self._people.choose_owner(now_ns, lambda ray: bool(self._meant_box(ray)), is_busy=is_busy)
         self._hindrance = ""
-        ray = self._pointers.owners_ray
+        ray = self._people.owners_ray
         if ray is None:
             return
-        wanted_m = self._place_on_table(ray) if self._held else self._top_of_meant_box(ray)
+        wanted_m = ray.at_height(self._top_m) if self._held else self._top_of_meant_box(ray)
         if wanted_m is None:
             return
 
@@ -189,9 +190,9 @@ class Arm(Service[ArmConfig]):
 
         # Once, not at each tick
         if self._hindrance and self._hindrance != self._text:
-            self._say(self._hindrance, self._pointers.owner)
+            self._say(self._hindrance, self._people.owner)
 
-    def _meant_box(self, ray: Ray) -> str:
+    def _meant_box(self, ray: PersonRay) -> str:
         """Return the box nearest to a ray, or an empty name. Another one than `_over` must be much nearer."""
         angles = {name: ray.angle_to(top_m) for name, top_m in self._boxes.items()}
         if self._over in angles:
@@ -201,19 +202,10 @@ class Arm(Service[ArmConfig]):
             return ""
         return nearest
 
-    def _top_of_meant_box(self, ray: Ray) -> Vec3 | None:
+    def _top_of_meant_box(self, ray: PersonRay) -> Vec3 | None:
         """Return the top of the box that the owner means, which is the one to hover above from now on."""
         self._over = self._meant_box(ray) or self._over
         return self._boxes.get(self._over)
-
-    def _place_on_table(self, ray: Ray) -> Vec3 | None:
-        """Return where the ray meets the table, at the height of the held box's upper side."""
-        fall = -ray.direction[2]
-        if fall < LEAST_FALL:
-            return None
-        distance_m = (ray.origin_m[2] - self._top_m) / fall
-        x, y, _ = vector.add(ray.origin_m, vector.scale(ray.direction, distance_m))
-        return (x, y, self._top_m)
 
     def _nearest_within_reach(self, goal_m: Vec3) -> Vec3:
         """Return the place nearest to `goal_m`, on the line to where the arm was parked, that is in reach."""
@@ -312,8 +304,8 @@ class Arm(Service[ArmConfig]):
 
     def _person_near(self, point_m: Vec3) -> str:
         """Return a person within `keep_out_m` of `point_m` on the floor, or an empty name."""
-        for user, position_m in self._people_m.items():
-            if math.dist(position_m[:2], point_m[:2]) < self.config.keep_out_m:
+        for user, pose in self._site.all(topics.POSE).items():
+            if math.dist(pose.position_m[:2], point_m[:2]) < self.config.keep_out_m:
                 return user
         return ""
 
@@ -324,16 +316,16 @@ class Arm(Service[ArmConfig]):
         self._messages.tell(user, text)
 
     def _tell_owner(self, text: str) -> None:
-        self._say(text, self._pointers.owner)
+        self._say(text, self._people.owner)
 
     def _advise(self) -> None:
         """Say what the owner's next press does. Their page, phone and terminal show it while they point."""
-        if not self._pointers.owner:
+        if not self._people.owner:
             return
         advice = "Point at a box: the hand hovers above it. Press, and it is taken."
         if self._held:
             advice = f"Point at a place for {self._held} and press: it is put there."
-        self._messages.advise(self._pointers.owner, advice)
+        self._messages.advise(self._people.owner, advice)
 
     def _phase(self) -> str:
         if not self.arm.has_link:
@@ -349,7 +341,7 @@ class Arm(Service[ArmConfig]):
         state = ArmState(
             stamp_ns=self._shown.stamp_ns,
             phase=self._phase(),
-            user=self._pointers.owner,
+            user=self._people.owner,
             over=self._over,
             holds=self._held,
             text=self._text,

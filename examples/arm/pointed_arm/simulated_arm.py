@@ -4,7 +4,7 @@ import math
 
 from pointit.plugins import NS_PER_S, Clock, vector
 
-Vec3 = tuple[float, float, float]
+Vec3 = vector.Vec3
 
 SHOULDER_M = 0.35
 """Height of the shoulder above the base, m."""

@@ -14,6 +14,7 @@ import pytest
 from starlette.applications import Starlette
 
 from pointit.bridges.web.server.lan import Lan
+from pointit.cli.browser_window import PagePresence
 from pointit.cli.page import DashboardLines, RunPage
 from pointit.launch import page as page_of_a_run
 from pointit.launch.page import Page, is_listening, lan_lines, page_of
@@ -143,9 +144,9 @@ async def test_dashboard_prints_its_addresses_once_it_is_present(
 ) -> None:
     machine(monkeypatch, [WIRED])
     page = page_in(lan_address=WIRED)
-    lines = DashboardLines("web", page.url, page.lan_url, None, "")
+    lines = DashboardLines(url=page.url, lan_url=page.lan_url, file=None, lan_advice="")
     with ExitStack() as stack:
-        stack.callback(bench.bus.watch(SERVICE_ALIVE, lines.on_presence).close)
+        stack.callback(PagePresence(bench.bus, "web", lines.print).close)
         assert capsys.readouterr().out == ""
         port = page.config.port
         async with serving(bench, port=port, lan=True, lan_address=WIRED, lan_port=page.config.lan_port):

@@ -88,7 +88,7 @@ def test_killed_writer_loses_nothing_and_excludes_a_second_while_alive(store: St
         assert child.stdout.readline() == "ready\n"
         assert store.open(NOW, read) is None
         assert f"another clerk of this site writes {store.path}; words are lost: end one" in store.problem
-        assert store.problem.endswith("restart this one, or start it with --site NAME")
+        assert store.problem.endswith("restart this one, or start it as another site by --site NAME")
         assert not write(store, "d")
         store.close()
         assert words_of(store) == ["a", "b", "c"]

@@ -116,7 +116,7 @@ class BackendConfig(Config):
     )
     domain_id: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of the ROS nodes")
     distro: Distro = Field(
-        default="jazzy", description="distribution of the ROS nodes; those up from jazzy hear each other"
+        default="jazzy", description="distribution of the ROS nodes; those from jazzy on hear each other"
     )
     node: str = Field(default="/pointit", description="full name of the bridge's node in the ROS graph")
 

@@ -32,9 +32,9 @@ def default_folder() -> Path:
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),
-    help="folder of home.yaml, site.yaml and the token  [default: in PointIt's folder of the user]",
+    help="folder of home.yaml, site.yaml and the token  [default: the user's folder of PointIt]",
 )
-@click.option("--edit", is_flag=True, help="begin with the first card again; what is set up stays")
+@click.option("--edit", is_flag=True, help="start again at the first card; what is set up stays")
 @click.option(
     "--lan",
     is_flag=True,
@@ -61,7 +61,7 @@ def command(
     web_port: int | None,
     log_level: str,
 ) -> int:
-    """Point at the lamps of your home. The page leads through the set-up, and the next start goes on there.
+    """Point at the lamps of your home. The page leads you through the set-up; the next start continues there.
 
     Five cards: connect to Home Assistant, choose lamps, pair a phone or a wristband, point at each lamp, try.
     They write home.yaml (a map) and site.yaml (parameters), which you may edit. Needs the extra `home`.

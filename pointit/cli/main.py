@@ -159,7 +159,7 @@ def front() -> click.Group:
         context_settings={"help_option_names": ["-h", "--help", "--help-all"], "show_default": True},
         help=(
             "Point at things and the things react.\n\n"
-            "Start with `pointit run`, which `pointit` alone is: it needs no hardware or configuration. "
+            "Start with `pointit run`, or just `pointit`. It needs no hardware or configuration. "
             "Ctrl-C ends every command at once."
         ),
     )

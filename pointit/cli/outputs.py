@@ -161,7 +161,7 @@ class PrintedWarnings(NullHealth):
     "strips",
     multiple=True,
     metavar="STRIP",
-    help="strip of the map to show, behind the pixels of the strip before. Repeatable  [default: all]",
+    help="strip of the map to show, after the pixels of the previous strip. Repeatable  [default: all]",
 )
 @json_option
 async def add(site: SiteAddress, output: str, *, strips: tuple[str, ...], as_json: bool) -> int:
@@ -262,9 +262,9 @@ def calibrate(
 ) -> int:
     """Find where a moving head hangs: point its beam at known places, by default the lamps of SCENARIO's map.
 
-    The beam is lit. For each place turn it there by the arrow keys and press Enter. Three places are needed.
-    With four, not all near one line, there is one answer only. Then the pose is printed, as lines for the
-    output's entry in the file of `--config`.
+    The beam is lit. For each place, turn the beam there with the arrow keys and press Enter. Three places are
+    needed. With four that are not all near one line, the answer is unique. Then the pose is printed, as lines
+    for the output's entry in the file of `--config`.
 
     It sends to the fixture itself: end a running site first. Ctrl-C ends it. The beam is dark afterwards.
 
@@ -420,8 +420,8 @@ def command(
     step at once.
 
     If the ends are mirrored, set `reversed` in the segment, or `direction: -1` in the map. If colours are
-    wrong, set another `order`. If another strip lights, correct `segments`. If nothing lights, a warning has
-    the reason.
+    wrong, set another `order`. If another strip lights, correct `segments`. If nothing lights, a warning
+    gives the reason.
 
     It opens the outputs itself. End a running site first: a serial port has one user, and a controller in
     the network would show both. Ctrl-C ends it. The strips are dark afterwards.

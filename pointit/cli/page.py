@@ -365,7 +365,7 @@ def dashboard(
     connect: tuple[str, ...],
     log_level: str,
 ) -> int:
-    """Open the page of a site that runs already: a `pointit run` on another machine, or on this one.
+    """Open the page of a site that is already running, on this machine or another one.
 
     Joins the site as soon as it is reachable, prints the address of the page, and serves it until Ctrl-C.
     The site continues when the page ends, and the page waits for the site when that ends.

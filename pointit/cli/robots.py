@@ -223,8 +223,8 @@ async def stop(
 ) -> int:
     """Stop the robots NAME, or --all: each stays where it is until somebody takes it again.
 
-    Anybody may stop a robot. It is no safety function: keep each robot's emergency stop at hand. The exit
-    code is 1 if a robot has not answered.
+    Anybody may stop a robot. This is not a safety function: keep each robot's emergency stop at hand. The
+    exit code is 1 if a robot has not answered.
 
     Example: pointit robot stop --all
     """

@@ -60,7 +60,7 @@ BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
     "max_connections",
     type=click.IntRange(1, 1000),
     default=MAX_CONNECTIONS,
-    help="maximum of simultaneous connections of one identity; the newest beyond it are closed",
+    help="maximum number of simultaneous connections of one identity; the newest beyond it are closed",
 )
 def command(
     *,

@@ -47,10 +47,10 @@ class CompletionFiles:
 @click.option("--remove", "is_removed", is_flag=True, help="remove the script and the line that loads it")
 @click.pass_context
 def command(ctx: click.Context, *, shell: str | None, is_printed: bool, is_removed: bool) -> None:
-    """Install completion with the Tab key in SHELL, the one of your account by default.
+    """Install completion by the Tab key in SHELL, by default that of your account.
 
     It completes commands, options, and names of scenarios, maps and services. Writes the script, and for bash
-    and zsh a line in .bashrc or .zshrc that loads it. Before you uninstall PointIt, --remove takes both away.
+    and zsh a line in .bashrc or .zshrc that loads it. Before you uninstall PointIt, --remove removes both.
 
     Example: pointit completion bash
     """

@@ -197,7 +197,7 @@ def check_person(name: str) -> None:
     "--host",
     "hosts",
     multiple=True,
-    help="name or address of the router, may be repeated  [default: 127.0.0.1]",
+    help="name or address of the router; repeatable  [default: 127.0.0.1]",
 )
 @click.option("--port", default=DEFAULT_PORT, type=click.IntRange(1, 65535), help="the router's port")
 @click.option("--days", default=DEFAULT_DAYS, type=Finite(1, 3653), help="lifetime of certificates")
@@ -274,7 +274,7 @@ def init(
 @click.argument("names", nargs=-1, required=True)
 @folder_option
 def add(names: tuple[str, ...], folder: Path) -> None:
-    """Add the people NAMES. If the site runs, none may be called like a shard that serves others.
+    """Add the people NAMES. If the site is running, none may have the name of a shard that serves others.
 
     Example: pointit site user add carla --folder lab
     """

@@ -95,8 +95,10 @@ def check(*, path: Path, as_json: bool) -> int:
 )
 @click.option("--measure", default="selection_s", help="column of trials.csv")
 @click.option("--most", default=100, type=click.IntRange(4, 1000), help="maximum number of participants")
-@click.option("--runs", default=2000, type=click.IntRange(100, 100_000), help="studies of each size")
-@click.option("--seed", default=0, type=click.IntRange(0), help="of the draws")
+@click.option(
+    "--runs", default=2000, type=click.IntRange(100, 100_000), help="number of drawn studies of each size"
+)
+@click.option("--seed", default=0, type=click.IntRange(0), help="seed of the draws")
 @json_option
 def power(
     *,
@@ -116,7 +118,7 @@ def power(
     Simulated participants run the study FILE, as many as it names. Participants are drawn from them, or from
     --pilot, with replacement. Their differences are centred, and the effect is added. Each drawn study is
     tested at 5 %: by a paired two-sided t-test of the participants' medians, or by Welch's test if the factor
-    is between participants (then numbers are of each group). Intervals are of the number of runs. They ignore
+    is between participants (then numbers are of each group). Intervals reflect the number of runs only, not
     how representative the pilot is.
 
     Example: pointit study power my_study.yaml --factor method --levels dwell press --effect -10%
@@ -387,9 +389,13 @@ class TerminalView:
     default="",
     show_default=False,
     metavar="ADDRESS",
-    help="address for dashboards: tcp/127.0.0.1:7447",
+    help="address at which dashboards join, such as tcp/127.0.0.1:7447",
 )
-@click.option("--record/--no-record", default=None, help="write session.mcap; by default of people only")
+@click.option(
+    "--record/--no-record",
+    default=None,
+    help="write session.mcap  [default: for people, not for simulated participants]",
+)
 @click.option("--lsl", is_flag=True, help="streams in the Lab Streaming Layer, open to the local network")
 @click.option("--page", "in_page", is_flag=True, help="show it in two browser pages, not in the terminal")
 @click.option("--lan", is_flag=True, help="the pages are open to the local network, by HTTPS")
@@ -412,7 +418,7 @@ def command(
 
     Each trial is stored when it ends. After a crash, the same command continues. Keys: r repeats the trial, s
     skips it with a reason, p pauses, q stops; --page prints the links of two pages instead, which are secret.
-    --simulated takes virtual time. Without it and --imu, the participant is simulated in real time.
+    --simulated takes virtual time. Without --simulated and --imu, the participant is simulated in real time.
 
     Example: pointit study run my_study.yaml --imu page
     """

@@ -27,7 +27,7 @@ EXPIRE_S = 1.0
 
 
 class Keeper(Service[KeeperConfig]):
-    """Retains the newest of every state for late or restarted subscribers when its writer is gone."""
+    """Retains the newest value of every state for late or restarted subscribers when its writer is gone."""
 
     NAME: ClassVar[str] = "keeper"
     SCOPE: ClassVar[Scope] = "site"

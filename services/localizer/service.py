@@ -46,7 +46,7 @@ ARBITER = "led-driver"
 
 
 class Localizer(Service[LocalizerConfig]):
-    """Localizes one person and tracks their pose while the topics.IMU drifts."""
+    """Localizes one person and tracks their pose while the IMU drifts."""
 
     NAME: ClassVar[str] = "localizer"
     SCOPE: ClassVar[Scope] = "user"

@@ -41,43 +41,46 @@ Effect = Literal[
 
 CANCELLED = "Localizing was cancelled."
 STOPPED = "You stopped."
-REFUSED = "You could not be localized from this; point more steadily, or stand elsewhere, and try again."
-NO_POSE = "Your place in the room is not known."
-RESUMED = "You go on where you were interrupted."
-PLACE_KNOWN = "Your place in the room is known."
+REFUSED = "You could not be localized. Point more steadily or stand somewhere else, and try again."
+NO_POSE = "Your position in the room is not known."
+RESUMED = "You continue where you were interrupted."
+PLACE_KNOWN = "Your position in the room is known."
 LOCALIZED = "You are localized."
 ASKED = "You asked to start."
-POSE_ASKED_FOR = "You were asked to point at a target, so that your place is found."
-POSE_CANCELLED = "Pointing at the target was called off."
-POSE_LOST = "The localizer began something else; ask again to have your place found."
-AGAIN = "The localizer was restarted, localizing starts again."
-NO_POSE_TO_ANCHOR = "Your place in the room is not known, so there is nothing to set right."
-ANCHOR_ASKED = "You asked to have your pose set right."
-ANCHOR_ASKED_FOR = "You were asked to point at a lamp, so that your pose is set right."
-ANCHORED = "Your pose is set right."
-ANCHOR_REFUSED = "Your pose could not be set right; hold the arm straight and still, and try again."
-ANCHOR_CANCELLED = "Pointing at the lamp was called off; your pose is as before."
-ANCHOR_LOST = "The localizer began something else; your pose is as before, ask again to have it set right."
+POSE_ASKED_FOR = "You were asked to point at a target, so that your position can be found."
+POSE_CANCELLED = "Pointing at the target was cancelled."
+POSE_LOST = "The localizer started something else. Ask again to have your position found."
+AGAIN = "The localizer was restarted, so localizing starts again."
+NO_POSE_TO_ANCHOR = "Your position in the room is not known, so there is nothing to correct."
+ANCHOR_ASKED = "You asked to have your pose corrected."
+ANCHOR_ASKED_FOR = "You were asked to point at a lamp, so that your pose can be corrected."
+ANCHORED = "Your pose has been corrected."
+ANCHOR_REFUSED = "Your pose could not be corrected. Hold your arm straight and still, and try again."
+ANCHOR_CANCELLED = "Pointing at the lamp was cancelled. Your pose has not changed."
+ANCHOR_LOST = (
+    "The localizer started something else. Your pose has not changed: ask again to have it corrected."
+)
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
-WAIT = "Wait for the target to point at; press the button to cancel."
-POINT = "Point with your arm straight; press the button to stop."
-POINT_AND_CONFIRM = "Point with your arm straight and press the button to confirm; hold it to stop."
-STAY = "Point with your arm straight and stay on what you want; hold the button to stop."
+WAIT = "Wait for a target to point at. Press the button to cancel."
+POINT = "Point with your arm straight. Press the button to stop."
+POINT_AND_CONFIRM = "Point with your arm straight and press the button to confirm. Hold it to stop."
+STAY = "Point with your arm straight and stay on what you want. Hold the button to stop."
 STAY_OR_PRESS = (
-    "Point with your arm straight and stay on what you want; press the button for {pressed}; hold it to stop."
+    "Point with your arm straight and stay on what you want. For {pressed}, press the button. "
+    "Hold the button to stop."
 )
 PRESS_AT_NAME = (
-    "Point with your arm straight; press the button once you have heard the name that you want; "
-    "hold it to stop."
+    "Point with your arm straight. Press the button once you have heard the name that you want. "
+    "Hold the button to stop."
 )
-POINT_AT_LAMP = "Double press: point at a lamp once, your direction has become uncertain."
+POINT_AT_LAMP = "Your direction has become uncertain. Press the button twice and point at a lamp once."
 PRESS = "Press the button to start pointing."
 PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
 PRESS_FOR_ROBOT = "Press the button and keep pointing at the robot while it moves."
-BY_ITSELF = "Wear the wristband, or take the arm in the page: pointing begins by itself."
-BY_ITSELF_AT_LAMP = "Wear the wristband, or take the arm in the page: a lamp lights up; point at it."
-BY_ITSELF_AT_ROBOT = "Wear the wristband, or take the arm in the page: point at the robot while it moves."
-SET_POSE = "Give the localizer your place (its fixed pose, or its request set_pose), or switch `localize` on."
+BY_ITSELF = "Put on the wristband, or take the arm in the page. Pointing starts by itself."
+BY_ITSELF_AT_LAMP = "Put on the wristband, or take the arm in the page. Point at the lamp that lights up."
+BY_ITSELF_AT_ROBOT = "Put on the wristband, or take the arm in the page. Point at the robot while it moves."
+SET_POSE = "Give the localizer your pose, by its fixed pose or its request set_pose, or switch `localize` on."
 
 OFFSET_PURPOSE = "offset"
 """Name of the file of a person's pointing offset."""
@@ -90,18 +93,21 @@ _START: tuple[Effect, ...] = ("allow autostart",)
 
 def silent(timeout_s: float) -> str:
     """Return the reason if the wrist was silent for `timeout_s`."""
-    return f"Nothing was heard from your wrist for {timeout_s:g} s; is the wristband on and charged?"
+    return f"Your wrist has sent nothing for {timeout_s:g} s. Is the wristband on and charged?"
 
 
 def too_long(timeout_s: float) -> str:
     """Return the reason if localizing reached neither another target nor an end within `timeout_s`."""
-    return f"Localizing got no further in {timeout_s:g} s; is the localizer running, and the target in sight?"
+    return (
+        f"Localizing has made no progress for {timeout_s:g} s. Is the localizer running, and is the target in "
+        "sight?"
+    )
 
 
 def aim(localization: Localization) -> str:
     """Return the next step while localizing: the current target."""
     if localization.purpose == "anchor":
-        return f"Point at {localization.target_id} with your arm straight and stay on it; no cursor is shown."
+        return f"Point at {localization.target_id} with your arm straight and stay on it. No cursor is shown."
     counts_targets = localization.target_count > 1 and not localization.candidates  # else it counts robots
     number = ""
     if counts_targets:
@@ -118,7 +124,7 @@ def queue(ahead: Sequence[str]) -> str:
         then = f", then {verb} {', '.join(others)}"
     place = len(ahead)
     ordinal = ORDINALS[place] if place < len(ORDINALS) else f"number {place + 1}"
-    return f"Wait: {first} is pointing at the lamps{then}, you are {ordinal}; press the button to cancel."
+    return f"Wait: {first} is pointing at the lamps{then}. You are {ordinal}. Press the button to cancel."
 
 
 def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager: bool) -> str:

@@ -68,7 +68,7 @@ def honesty(
     jobs: int,
     json_file: Path | None,
 ) -> None:
-    """Evaluate whether the uncertainty of taken poses holds, also where an assumption is broken.
+    """Evaluate whether the uncertainty of accepted poses holds, also where an assumption is broken.
 
     Recorded and simulated people follow a robot or point at lamps; faults of time, body, mounting and rays
     are injected. Of the poses that the localizer takes, 90 to 98 % should be within 2 sigma, and 1 % at most

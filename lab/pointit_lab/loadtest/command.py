@@ -147,7 +147,8 @@ def command(
 
     With --hosts, people and all that computes for them are at hosts of their own, each with a router. The
     shared services are at the first host. What crosses each link is counted. Several measurements give
-    slopes: CPU and memory for each person and each host with 95 % intervals, and the people a core by them.
+    slopes: CPU and memory for each person and each host with 95 % intervals, and from them the number of
+    people per core.
 
     Example: pointit load --users 40 --layout users; for the maximum: pointit load --sweep --duration 5;
     for slopes: sudo pointit load --hosts 1,2 --users 4,8,16 --router zenohd

@@ -55,7 +55,8 @@ class PanelCommand(click.Command):
         self.usual = usual
         if usual:
             flag: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
-            self.params.append(click.Option(["--help-all"], callback=_show_all, help="Show all.", **flag))
+            option = click.Option(["--help-all"], callback=_show_all, help="Show all options.", **flag)
+            self.params.append(option)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the help: with usual options only its first paragraph and its examples."""

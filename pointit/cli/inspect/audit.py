@@ -47,7 +47,7 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
     help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30",
 )
 @click.option("--last", type=click.IntRange(1, MAX_RECORDS), metavar="N", help="the last N events only")
-@click.option("--assistants", is_flag=True, help="instead, what assistants asked and did by `pointit mcp`")
+@click.option("--assistants", is_flag=True, help="instead, show what assistants did by `pointit mcp`")
 @json_option
 def command(
     *, site: str, user: str, object_id: str, since: str, last: int | None, assistants: bool, as_json: bool

@@ -33,10 +33,9 @@ LISTEN_S = 2.2
 def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[str, ...]) -> int:
     """Serve metrics of a site to Prometheus, at http://127.0.0.1:9464/metrics until Ctrl-C.
 
-    Rates, latencies, losses, services, people, selections, uncertainty of poses. Services report these
-    figures in any case. Only this machine can read them. The page of a site has the same at /metrics, for
-    clients with its token. Counters start with this command. With --once the exit code is 1 if no service
-    runs.
+    Rates, latencies, losses, services, people, selections, uncertainty of poses. Services always report these
+    figures. Only this machine can read them. The page of a site has the same at /metrics, for clients with
+    its token. Counters start with this command. With --once the exit code is 1 if no service runs.
 
     Example: pointit metrics --once
     """

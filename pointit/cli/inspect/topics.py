@@ -299,9 +299,9 @@ async def hz(
 ) -> int:
     """Measure rate, jitter and bandwidth of the messages on each KEY.
 
-    KEY is as for `pointit topic echo`. With objects or poses, localized people whom motion capture sees, too,
-    are compared with their true pose. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0.
-    With --json each window is one object on one line.
+    KEY is as for `pointit topic echo`. For objects and poses, localized people whom motion capture also sees
+    are compared with their true pose. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0. With
+    --json each window is one object on one line.
 
     Example: pointit topic hz users/anna/imu --watch
     """

@@ -233,9 +233,9 @@ async def command(site: SiteAddress, user: str, *, count: int, watch: bool, as_j
     A frame carries the time of its newest cursor. With several people, or more samples than frames, only
     some samples are seen in a frame. Lamps and beams carry no capture time.
 
-    On a secured site it needs to read the person's movements: their own credentials, or the supervisor's.
-    The exit code is 1 if no sample came; Ctrl-C ends it with 0. With --json each measurement is one object
-    on one line.
+    On a secured site it must be allowed to read the person's movements: use their own credentials, or the
+    supervisor's. The exit code is 1 if no sample came; Ctrl-C ends it with 0. With --json each measurement is
+    one object on one line.
 
     Example: pointit trace user1 --count 500
     """

@@ -224,7 +224,7 @@ async def command(
 ) -> int:
     """Show the trackers of a site and their objects: rates, latency, positions and their uncertainty.
 
-    TRACKER is the name of one; without, all are shown. The age of a message is measured by this machine's
+    TRACKER is the name of one; without it, all are shown. The age of a message is measured by this machine's
     clock. Poses of localized people are compared with those of motion capture, if any. A warning names
     objects that two trackers report. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0. With
     --json each window is one object on one line.

@@ -70,7 +70,7 @@ CELL = click.option(
     help="map that gets the entities as things without a position; its text stays",
 )
 @click.option(
-    "--per-metre", type=Finite(1, 1000), default=60.0, metavar="N", help="pixels a metre of segments"
+    "--per-metre", type=Finite(1, 1000), default=60.0, metavar="N", help="pixels per metre of segments"
 )
 @click.option(
     "--preset", type=click.IntRange(min=0), metavar="N", help="number of the preset in WLED's presets.json"
@@ -80,16 +80,16 @@ CELL = click.option(
     default="",
     show_default=False,
     metavar="LIST",
-    help="of csv: columns by name or number and unit, x=1/cm,y=2/cm,z=3/cm,strip=Model,pixel=Node",
+    help="for csv: columns by name or number and unit, x=1/cm,y=2/cm,z=3/cm,strip=Model,pixel=Node",
 )
 @click.option(
     "--gap",
     "gap_m",
     type=Finite(0.001, 1000),
     metavar="M",
-    help="of csv and ledmap: longest step within a strip, m  [default: of ledmap a cell beside]",
+    help="for csv and ledmap: longest step within a strip, m  [default: for ledmap, the next cell]",
 )
-@click.option("--first", type=click.IntRange(0, 1), help="of csv: number of the first pixel  [default: 0]")
+@click.option("--first", type=click.IntRange(0, 1), help="for csv: number of the first pixel  [default: 0]")
 @CELL
 @OUTPUT
 def import_(
@@ -111,10 +111,10 @@ def import_(
 ) -> None:
     """Make a map of strips from FILE, or a map of things from `home-assistant`.
 
-    csv has a pixel a line, below the names x,y,z in metres, and strip, pixel or wire; --columns declares
+    csv has one pixel per line, below the names x,y,z in metres, and strip, pixel or wire; --columns declares
     others. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
-    counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
-    are scanned or moved. A matrix is laid out as one line, also the panels in WLED's cfg.json.
+    counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they are
+    scanned or moved. A matrix is laid out as one line, also the panels in WLED's cfg.json.
 
     home-assistant lists lights, switches, covers, fans, media players, scenes and scripts of the Home
     Assistant at --url by area. --entity and --area choose those that become things.
@@ -220,8 +220,8 @@ def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[s
 def export(*, name_or_path: str, kind: str, view: str, cell_m: float, output: Path | None) -> None:
     """Write the pixels of MAP for other programs.
 
-    csv has a pixel a line: x,y,z in metres, its strip and number. segments and ledmap are for WLED with all
-    strips on one wire, in the order of the map.
+    csv has one pixel per line: x,y,z in metres, its strip and number. segments and ledmap are for WLED with
+    all strips on one wire, in the order of the map.
 
     Example: pointit map export ./room.yaml --as csv -o room.csv
     """

@@ -72,7 +72,7 @@ def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]
     callback=_points,
     help="position from which people point at things, m: names those that are hard to tell apart; repeatable",
 )
-@click.option("--spoken", is_flag=True, help="names are spoken: also labels that sound alike or take long")
+@click.option("--spoken", is_flag=True, help="also report labels that sound alike or take long to speak")
 @click.option("--strict", is_flag=True, help="exit with code 1 also for warnings")
 @json_option
 def check(

@@ -265,9 +265,9 @@ async def command(
 
     USER stands at a position with a known pose (`pointit person pose`), points at each thing with a straight
     arm and presses their button, or Space here. Then USER does the same from a second position, at least 60
-    degrees aside as seen from the things. If two positions do not suffice, a third is requested. The person's
-    constant error is estimated, too. Errors are 0.2 to 0.3 m, and the standard deviation is printed. That
-    suffices for lamps, boxes and screens. For strips, use `pointit map scan`.
+    degrees to the side as seen from the things. If two positions do not suffice, a third is requested. The
+    person's constant error is also estimated. Errors are 0.2 to 0.3 m, and the standard deviation is printed.
+    That suffices for lamps, boxes and screens. For strips, use `pointit map scan`.
 
     With --into, NAMES are things of a map, such as those of `pointit map import home-assistant`.
 

@@ -165,7 +165,7 @@ def live_options(function: F) -> F:
             "per_m",
             type=Finite(2, 1000),
             default=60.0,
-            help="of the strips; the page asks for each",
+            help="LEDs per metre of the strips; the page asks for each strip",
         ),
         click.option(
             "--map",
@@ -173,7 +173,7 @@ def live_options(function: F) -> F:
             default="",
             show_default=False,
             metavar="MAP",
-            help="map with the strips, anywhere; with --simulated, the room",
+            help="map that has the strips, at any position; with --simulated, the room",
         ),
         click.option(
             "--strip",

@@ -59,7 +59,7 @@ class GuidanceOptions:
 @site_command("mounting", cls=PanelCommand, usual=("rest_s", "yes", "show", "erase", "connect"))
 @click.argument("user")
 @click.option(
-    "--seconds", "rest_s", type=Finite(min=0.3, max=30), default=2.0, help="rest of the arm in each pose, s"
+    "--seconds", "rest_s", type=Finite(min=0.3, max=30), default=2.0, help="time of rest in each pose, s"
 )
 @click.option(
     "--timeout", "timeout_s", type=Finite(min=1, max=600), default=30.0, help="timeout for each rest, s"
@@ -71,7 +71,7 @@ class GuidanceOptions:
     help="no keyboard: record each pose as soon as the arm rests in it, and use the result",
 )
 @click.option("--show", is_flag=True, help="only show the mounting in use, or stored on this machine")
-@click.option("--erase", is_flag=True, help="delete the measured mounting: back to the configured one")
+@click.option("--erase", is_flag=True, help="delete the measured mounting, and use the configured one again")
 @json_option
 async def command(
     site: SiteAddress,

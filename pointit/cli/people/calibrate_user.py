@@ -325,7 +325,7 @@ class CalibrationOptions:
 )
 @click.option("--dry-run", is_flag=True, help="only show the result, change nothing")
 @click.option("--show", is_flag=True, help="only show the offset in use, or stored on this machine")
-@click.option("--erase", is_flag=True, help="delete the offset: no correction any more")
+@click.option("--erase", is_flag=True, help="delete the offset, so that nothing is corrected any more")
 @json_option
 async def command(
     site: SiteAddress,

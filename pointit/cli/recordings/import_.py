@@ -26,40 +26,41 @@ TABLES = (".csv", ".tsv", ".txt")
     help="the recording to write, such as session.mcap",
 )
 @click.option("--overwrite", is_flag=True, help="replace FILE if it exists")
-@click.option("--user", default="user1", help="of a CSV file: the person's name")
+@click.option("--user", default="user1", help="for a CSV file: the person's name")
 @click.option(
     "--mounting",
     default="",
     show_default=False,
-    help="of a CSV file: the sensor on the arm  [default: minus_x, as in a Myo; plus_x for Motion-BIDS]",
+    help="for a CSV file: mounting of the sensor on the arm  "
+    "[default: minus_x, as in a Myo; plus_x for Motion-BIDS]",
 )
 @click.option(
     "--columns",
     default="",
     show_default=False,
     metavar="LIST",
-    help="of a CSV file: its columns by name or number, and units, t=time/ms,qx=3,robot_x=mm; "
+    help="for a CSV file: its columns by name or number, and units, t=time/ms,qx=3,robot_x=mm; "
     "t=time/us/32bit is a counter that starts again",
 )
-@click.option("--lost", default="", show_default=False, help="of a CSV file: text or number of lost values")
+@click.option("--lost", default="", show_default=False, help="for a CSV file: text or number of lost values")
 @click.option(
     "--up",
     type=click.Choice(["z", "y", "-y", "x", "-x", "-z"]),
     default="z",
-    help="of a CSV file: its axis that points up",
+    help="for a CSV file: its axis that points up",
 )
 @click.option(
     "--map",
     "room",
     metavar="MAP",
     shell_complete=maps,
-    help="of a bag: the room, without which its packages and pointers have no positions",
+    help="for a bag: the room, without which its packages and pointers have no positions",
 )
 @click.option(
     "--stamps",
     type=click.Choice(["header", "bag"]),
     default="header",
-    help="of a bag: whose times are those of capture, the messages' or the bag's",
+    help="for a bag: source of the capture times, the messages or the bag",
 )
 def command(
     *,
@@ -77,10 +78,10 @@ def command(
     """Make a recording of SOURCE, for `pointit export`, `pointit page` and `pointit evaluate`.
 
     SOURCE is a CSV file of an arm (columns t, qw, qx, qy, qz; also robot_x and head_x, y, z of motion
-    capture) or of points on the floor (t, px, py with robot and head), in seconds and metres, z up, where
-    --columns, --lost and --up declare no others; a _motion.tsv of Motion-BIDS beside its _channels.tsv; or a
-    ROS 2 bag of the ROS toolkit: its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a
-    file of an arm, and the position of a user who follows a robot. Other imports cannot be replayed.
+    capture) or of points on the floor (t, px, py with robot and head), in seconds and metres, z up, unless
+    --columns, --lost and --up declare others; a _motion.tsv of Motion-BIDS beside its _channels.tsv; or a ROS
+    2 bag of the ROS toolkit: its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a file
+    of an arm, and the position of a user who follows a robot. Other imports cannot be replayed.
 
     Example: pointit import rosbag2_2026_11_21 --map lab.yaml --to session.mcap
     """

@@ -56,9 +56,9 @@ def command(
 ) -> int:
     """Record all messages, requests, replies and presence of a site in FILE.
 
-    FILE is an MCAP file, which Foxglove and Lichtblick open, too; without it, pointit-SITE-TIME.mcap in the
-    current folder. An existing file is not overwritten. Ctrl-C ends the recording. If it is killed, or the
-    disk gets full, all but the last second is readable.
+    FILE is an MCAP file, which Foxglove and Lichtblick can also open. Without FILE, it is
+    pointit-SITE-TIME.mcap in the current folder. An existing file is not overwritten. Ctrl-C ends the
+    recording. If it is killed, or the disk gets full, all but the last second remains readable.
 
     On a secured site, use the identity of a supervisor. The identity of a person records only their own
     movements. Other identities may not record. Exit code 1: the recording is incomplete, or no message of the

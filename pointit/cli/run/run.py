@@ -360,8 +360,8 @@ def run(
 
     `pointit list scenarios` explains all. A .yaml file is a scenario of your own, or a map with things.
 
-    Opens a page in the browser: watch the scene there, or point with the mouse or a phone. The run ends
-    by itself, unless a page is open or it is a map of your own. Ctrl-C ends it at once.
+    Opens a page in the browser: watch the scene there, or point with the mouse or a phone. The run ends by
+    itself, unless a page is open or you run a map of your own. Ctrl-C ends it at once.
 
     Example: pointit run scenario_4 --users 2 --method gauge
     """

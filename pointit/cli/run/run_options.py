@@ -63,7 +63,7 @@ def shared_options(function: Any) -> Any:
                 metavar="[lamps|robot[:NAME]]",
                 callback=_localization,
                 help="find people's poses by pointing: at lamps, or by following a robot of the scenario "
-                "with the arm (the first one, or that of the NAME). Without a value: lamps  [default: "
+                "with the arm (the first one, or the one called NAME). Without a value: lamps  [default: "
                 "--pose, or the scenario's places]",
             ),
             *PERSON_OPTIONS,

@@ -235,7 +235,7 @@ def mqtt_options(function: Any) -> Any:
         default="",
         show_default=False,
         metavar="TOPIC",
-        help="its discovery prefix  [default: variable MQTT_DISCOVERY_PREFIX, or homeassistant]",
+        help="discovery prefix at that broker  [default: variable MQTT_DISCOVERY_PREFIX, or homeassistant]",
     )
     return broker(authority(prefix(function)))
 

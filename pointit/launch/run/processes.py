@@ -3,6 +3,7 @@
 import asyncio
 import json
 import logging
+import os
 import shlex
 import shutil
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
 
+from pointit.runtime.config.environment_variables import LOG_FORMAT
 from pointit.runtime.errors import EXIT_USAGE
 from pointit.runtime.service.plugin_guard import RestartDelay
 from pointit.runtime.service.service import Launch
@@ -115,7 +117,7 @@ class Processes:
             await asyncio.wait(waits, timeout=STOP_TIMEOUT_S)
         for instance, child in self._children.items():
             if child.returncode is None:
-                log.warning("%s did not end in time and is killed", instance)
+                log.warning("%s did not end within %g s and was killed", instance, STOP_TIMEOUT_S)
                 failed.add(instance)
                 child.kill()
         await asyncio.gather(*waits)
@@ -131,6 +133,9 @@ class Processes:
         self._watches.append(asyncio.create_task(watch(launch, child), name=f"watch {launch.instance}"))
 
     async def _start_child(self, launch: Launch) -> asyncio.subprocess.Process:
+        environment = None
+        if self._is_supervised:  # its log is read here: fields of JSON, not lines for people
+            environment = {**os.environ, LOG_FORMAT: "json"}
         with self._log_path(launch).open("ab") as output:
             command = self.command(launch)
             child = await asyncio.create_subprocess_exec(
@@ -139,6 +144,7 @@ class Processes:
                 stdin=asyncio.subprocess.PIPE,
                 stdout=output,
                 stderr=output,
+                env=environment,
                 process_group=0,  # a terminal's Ctrl-C goes to the parent, which ends the children in order
             )
         self._children[launch.instance] = child
@@ -171,7 +177,7 @@ class Processes:
             self._failed.add(launch.instance)
             wait_s = delay.after_failure_s(now_s() - started_s)
             log.error(
-                "%s %s; it is started again after %g s (its log: %s)",
+                "%s %s; it will be restarted in %g s (its log: %s)",
                 launch.instance,
                 end_sentence(code, path),
                 wait_s,
@@ -223,6 +229,9 @@ def last_log_error(path: Path) -> str:
         return ""
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
     last = (errors or lines or [""])[-1]
+    entry = _log_entry(last)
+    if entry is not None:
+        _, last = entry
     return last.rstrip(".")
 
 
@@ -242,12 +251,19 @@ def read_warnings(path: Path, position: int) -> tuple[Warnings, int]:
     complete, newline, _ = text.rpartition(b"\n")
     warnings: list[tuple[int, str]] = []
     for line in complete.splitlines():
-        try:
-            entry = json.loads(line)
-            level = LEVELS.get(entry["level"])
-            message = str(entry["message"])
-        except (ValueError, LookupError, TypeError):  # no line of our log
+        entry = _log_entry(line)
+        if entry is None:
             continue
-        if level is not None:
-            warnings.append((level, message))
+        level, message = entry
+        if level in LEVELS:
+            warnings.append((LEVELS[level], message))
     return warnings, start + len(complete) + len(newline)
+
+
+def _log_entry(line: str | bytes) -> tuple[str, str] | None:
+    """Return level and message of a line of a log in JSON, or None if it is none."""
+    try:
+        entry = json.loads(line)
+        return str(entry["level"]), str(entry["message"])
+    except (ValueError, LookupError, TypeError):
+        return None

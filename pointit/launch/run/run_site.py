@@ -64,13 +64,13 @@ def moved_notice(link: Link, new_address: str) -> str:
     both runs may have the default one.
     """
     options = f"--connect {new_address}"
-    advice = ", and start one of two runs on a machine with --site NAME"
+    advice = ", and start one of two runs on the same machine with --site NAME"
     if link.site != DEFAULT_SITE:
         options = f"--site {link.site} {options}"
         advice = ""
     return (
-        f"{link.listen[0]} is in use, probably by another run; listening at {new_address}: give other "
-        f"commands {options}{advice}"
+        f"{link.listen[0]} is in use, probably by another run, so this run listens at {new_address}. Give "
+        f"other commands {options}{advice}"
     )
 
 
@@ -101,7 +101,7 @@ async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
     needed: list[Beside] = []
     for beside in plan.beside:
         if beside.ONE_IS_ENOUGH and beside.instance in present_names:
-            log.warning("site %s has a %s already; this run opens none of its own", bus.site, beside.WHAT)
+            log.warning("site %s already has a %s, so this run does not open one", bus.site, beside.WHAT)
         else:
             needed.append(beside)
     return dataclasses.replace(plan, beside=needed)

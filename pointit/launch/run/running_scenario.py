@@ -378,7 +378,7 @@ class RunningScenario:
 
         addresses = self._link.listen or self._link.connect
         instances = ", ".join(launch.instance for launch in plan.launches)
-        log.info("%s of site %s at %s: %s", plan.name, self.bus.site, addresses[0], instances)
+        log.info("%s starts on site %s at %s: %s", plan.name, self.bus.site, addresses[0], instances)
         self._publish_deployment()
         self.began_s = time.monotonic()
         await self._service_group.begin()

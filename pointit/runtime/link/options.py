@@ -28,7 +28,7 @@ def link_options() -> list[click.Parameter]:
         is_eager=True,  # other options take their defaults from them
         expose_value=False,
         callback=_take_credentials,
-        help=f"folder that `pointit site` has made, for a secured site; or {VARIABLE}",
+        help=f"folder of an identity that `pointit site` has made, for a secured site; or {VARIABLE}",
     )
     site = _OfCredentials(["--site"], default=DEFAULT_SITE, help="name of the site")
     connect = _OfCredentials(

@@ -48,7 +48,7 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
     search = _HolderSearch(required)
     watching = bus.watch(presence, search.on_presence)
     subscription = bus.subscribe(HEALTH, search.on_health)
-    waits = "%s: on site %s already, but silent; waiting %.0f s at most"
+    waits = "%s: already on site %s, but not reporting; waiting %.0f s at most"
     loop = asyncio.get_running_loop()
     log_timer = loop.call_later(LOG_AFTER_S, log.info, waits, _list(required), bus.site, SILENT_S)
     try:
@@ -56,8 +56,8 @@ async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advi
             await search.done.wait()
     except TimeoutError:
         log.warning(
-            "%s: an instance on site %s has that name and does not report; the name is taken over, and the "
-            "other instance ends when it comes back",
+            "%s: an instance of that name on site %s does not report; its name is taken over, and it ends "
+            "when it comes back",
             _list(search.silent_names),
             bus.site,
         )

@@ -223,13 +223,13 @@ class PluginGuard:
             abandoned.add(task)
             task.add_done_callback(abandoned.discard)
             asyncio._unregister_task(task)  # noqa: SLF001  # the loop's end would wait
-            log.error("%s does not end when it is cancelled, and is abandoned", self.label)
+            log.error("%s did not end when it was cancelled, and was abandoned", self.label)
             return
         if task.cancelled():
             return
         error = task.exception()
         if error is not None:
-            log.error("%s failed at its end: %s", self.label, describe(error))
+            log.error("%s failed while it was ending: %s", self.label, describe(error))
 
     def made(self, make: Callable[[], ResultT]) -> ResultT:
         """Return the result of `make`, which creates the plug-in.
@@ -269,7 +269,7 @@ class PluginGuard:
         failures = self._delay.failures
         outcome = "ended by itself" if error is None else f"failed ({describe(error)})"
         times = f", {failures} times now" if failures > 1 else ""
-        self.problem = f"{self.label} {outcome}{times}; it is started again after {wait_s:g} s"
+        self.problem = f"{self.label} {outcome}{times}; it will be restarted in {wait_s:g} s"
         self._sink.warn("plug-in", self.problem, self.label)
         log.error("%s", self.problem, exc_info=error if failures == 1 else None)
         return wait_s

@@ -377,7 +377,8 @@ def log_options() -> list[click.Parameter]:
         callback=_choose_log_format,
         expose_value=False,
         is_eager=True,
-        help=f"form of the log where it is no terminal; also by the variable {LOG_FORMAT}  [default: plain]",
+        help="format of the log if standard error is not a terminal; also set by the variable "
+        f"{LOG_FORMAT}  [default: plain]",
         show_default=False,
     )
     return [level, form]
@@ -396,7 +397,7 @@ async def _serve(launch: Launch, link: Link, clock_timeout_s: float | None) -> i
     bus = await ZenohBus.open(link)
     try:
         clock, _ = await asyncio.gather(_choose_clock(bus, clock_timeout_s), _claim_names(bus, launch))
-        log.info("%s of site %s runs", launch.instance, link.site)
+        log.info("%s runs on site %s", launch.instance, link.site)
         await run_services([launch], bus, clock)
     finally:
         await bus.close()
@@ -415,7 +416,7 @@ async def _choose_clock(bus: ZenohBus, timeout_s: float | None) -> Clock:
         return WallClock()
     clock = SiteClock(bus)
     if not await clock.wait_for_tick(timeout_s) and timeout_s > CLOCK_TIMEOUT_S:
-        log.warning("this site publishes no simulated time; it is wall time until it does")
+        log.warning("this site publishes no simulated time; wall time is used until it does")
     return clock
 
 

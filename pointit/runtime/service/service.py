@@ -297,7 +297,7 @@ async def _until_lost(takeover: TakeoverMonitor, launch: Launch) -> None:
     await takeover.superseded.wait()
     ends = launch.instance
     by = takeover.successor
-    log.error("%s ends: %s has taken over the name, having begun later", ends, by)
+    log.error("%s ends: %s, which started later, has taken over its name", ends, by)
 
 
 async def _report(

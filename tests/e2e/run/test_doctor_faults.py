@@ -117,7 +117,7 @@ async def test_doctor_names_stopped_and_killed_processes_but_not_starting_ones(
 ) -> None:
     """One run for all: its processes take ten seconds of CPU to start."""
     plant = run_at(commands, endpoint, "--processes")
-    await plant.run.says("of site")
+    await plant.run.says("starts on site")
     # on a busy machine services that start may warn of messages that come late
     assert [each for each in await plant.findings() if each["code"] != "warning"] == [], "while it starts"
 

@@ -18,7 +18,7 @@ from tests.support.pace import within
 END_S = 2.0
 ENDINGS = [(signal.SIGINT, ()), (signal.SIGTERM, ("--processes",))]
 RUN = ("run", "scenario_3", "--no-view", "--duration", "600")
-TOLD = "scenario_3 of site lab at"
+TOLD = "scenario_3 starts on site lab at"
 """Logged when the bus is open and the services are about to start."""
 
 
@@ -120,10 +120,10 @@ async def test_ctrl_c_while_modules_load_is_silent(commands: Commands, endpoint:
 
 Arguments = Callable[[str], tuple[str, ...]]
 OTHERS: dict[str, tuple[Arguments, str]] = {
-    "user": (lambda at: ("person", "add", "anna", "--connect", at), "anna of site lab at"),
+    "user": (lambda at: ("person", "add", "anna", "--connect", at), "anna starts on site lab at"),
     "user in processes": (
         lambda at: ("person", "add", "cleo", "--processes", "--connect", at),
-        "cleo of site",
+        "cleo starts on site",
     ),
     "service": (lambda at: ("service", "run", "pointing", "--user", "ben", "--connect", at), "runs"),
     "echo": (lambda at: ("topic", "echo", "users/*/imu", "--connect", at), "users/user1/imu"),
@@ -218,7 +218,9 @@ async def test_the_default_address_gives_way(commands: Commands) -> None:
     """Without an explicit address the next free one is used, and the run prints how others find it."""
     with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", 7447)):  # or another process has it
         run = commands.start("run", "scenario_2", "--no-view", "--duration", "600")
-        await run.says("tcp/127.0.0.1:7447 is in use, probably by another run; listening at tcp/127.0.0.1:")
-        await run.says("start one of two runs on a machine with --site NAME")
-        await run.says("scenario_2 of site lab at tcp/127.0.0.1:")
+        await run.says(
+            "tcp/127.0.0.1:7447 is in use, probably by another run, so this run listens at tcp/127.0.0.1:"
+        )
+        await run.says("start one of two runs on the same machine with --site NAME")
+        await run.says("scenario_2 starts on site lab at tcp/127.0.0.1:")
         assert (await run.stop()).code == 0

@@ -100,7 +100,7 @@ async def test_page_for_others_returns_when_its_process_is_killed(commands: Comm
         family = command.family()
         ended = await command.stop(signal.SIGINT, code=0)
     assert within(ended.took_s, END_S)
-    assert "web was ended by SIGKILL; it is started again after 1 s" in ended.err
+    assert "web was ended by SIGKILL; it will be restarted in 1 s" in ended.err
     assert not psutil.wait_procs(family, timeout=60)[1]
 
 

@@ -69,7 +69,7 @@ async def test_a_stopped_process_loses_its_name_and_ends_awake(commands: Command
         freeze(old, signal.SIGCONT)
 
         ended = await old.end(code=0)
-        assert "has taken over the name, having begun later" in ended.err
+        assert "which started later, has taken over its name" in ended.err
         assert f"process {new.process.pid}" in ended.err
         assert new.is_running
 

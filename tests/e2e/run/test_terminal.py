@@ -212,7 +212,7 @@ async def test_without_a_view_it_logs_lines(endpoint: str, kind: str) -> None:
     arguments = ("run", "scenario_2", "--duration", "12", "--listen", endpoint)
     with terminal(100, 30, *arguments, kind=kind) as shown:
         assert await shown.end() == 0, shown.text
-        assert "scenario_2 of site lab at" in shown.text
+        assert "scenario_2 starts on site lab at" in shown.text
         assert "scenario_2 ran 12 s" in shown.text
         assert "╭" not in shown.text
         assert "\x1b" not in shown.read()

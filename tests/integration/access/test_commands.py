@@ -50,7 +50,7 @@ async def test_a_person_is_not_added_under_a_shards_name(site: SiteFolder, comma
 async def test_the_variable_does_as_well(site: SiteFolder, commands: Commands) -> None:
     environment = {"POINTIT_CREDENTIALS": str(site.identity_folder("services"))}
     service = commands.start("service", "run", "pui", environment=environment)
-    await service.says("pui of site lab runs")
+    await service.says("pui runs on site lab")
     ended = await commands.pointit(
         "service", "call", "pui/tolerance", "--credentials", str(site.identity_folder("anna"))
     )

@@ -1,6 +1,7 @@
 """Child processes: commands anybody can type, last words, an end in order."""
 
 import asyncio
+import json
 import logging
 import os
 import shlex
@@ -16,7 +17,14 @@ from pydantic import BaseModel
 
 from pointit.cli.summary import check_writable
 from pointit.launch.run import processes as module
-from pointit.launch.run.processes import MAX_LOG_BYTES, Processes, last_log_error, read_warnings
+from pointit.launch.run.processes import (
+    MAX_LOG_BYTES,
+    Processes,
+    end_sentence,
+    last_log_error,
+    read_warnings,
+)
+from pointit.runtime.config.environment_variables import LOG_FORMAT
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
@@ -131,7 +139,7 @@ async def test_supervised_child_is_started_again(
         assert second.returncode is None
         path = group.folder / "selector.log"
         assert caplog.messages == [
-            f"selector was ended by SIGKILL; it is started again after 0.01 s (its log: {path})"
+            f"selector was ended by SIGKILL; it will be restarted in 0.01 s (its log: {path})"
         ]
     assert second.returncode is not None
     assert group.folder.exists()  # its log may be of interest
@@ -189,6 +197,24 @@ async def test_warnings_of_a_supervised_child_are_logged(
     assert "selector: begins" not in caplog.messages
 
 
+async def test_supervised_child_logs_fields_whatever_the_format_of_its_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(LOG_FORMAT, "plain")
+    group = supervised()
+    log = group.folder / "selector.log"
+    async with group:
+        await until(lambda: log.exists() and b"\n" in log.read_bytes(), PATIENCE_S, "the first line")
+        first = json.loads(log.read_text().splitlines()[0])
+        assert {"level", "message"} <= first.keys()
+
+
+def test_end_of_a_child_has_the_message_of_its_last_entry(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text('{"level": "info", "message": "begins"}\n{"level": "critical", "message": "no disk."}\n')
+    assert end_sentence(3, path) == "ended with exit code 3: no disk"
+
+
 def test_warnings_are_read_once_and_in_whole_lines(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     path.write_text('{"level": "warning", "message": "first"}\n[1]\nTraceback\n{"level": "error", "mess')
@@ -244,7 +270,7 @@ async def test_a_child_that_will_not_end_is_killed(caplog: pytest.LogCaptureFixt
         child.suspend()
         await until(lambda: child.status() == psutil.STATUS_STOPPED, PATIENCE_S, "it to stop")
     assert children(group)["selector"].returncode == -signal.SIGKILL
-    assert caplog.messages == ["selector did not end in time and is killed"]
+    assert caplog.messages == ["selector did not end within 1.2 s and was killed"]
 
 
 @pytest.mark.parametrize(

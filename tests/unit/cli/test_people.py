@@ -25,7 +25,7 @@ async def test_it_presses_and_returns_what_followed() -> None:
         bench.put(topics.POSE, pose, ANNA)
         await bench.settle()
         assert (await press(bench.bus, SiteClock(bench.bus), ANNA, "press")).state == "pointing"
-        assert "set right" in (await press(bench.bus, SiteClock(bench.bus), ANNA, "double")).reason
+        assert "corrected" in (await press(bench.bus, SiteClock(bench.bus), ANNA, "double")).reason
 
         await bench.settle()  # there is no localizer that could: back to where they were
         after = await press(bench.bus, SiteClock(bench.bus), ANNA, "press")

@@ -55,13 +55,13 @@ async def test_surroundings_are_the_scenario_of_the_joined_site(
 @pytest.mark.parametrize(
     ("site", "options"),
     [
-        ("lab", "--connect tcp/[::]:7448, and start one of two runs on a machine with --site NAME"),
+        ("lab", "--connect tcp/[::]:7448, and start one of two runs on the same machine with --site NAME"),
         ("hall", "--site hall --connect tcp/[::]:7448"),
     ],
 )
 def test_moved_run_notice_advises_a_site_only_when_none_was_named(site: str, options: str) -> None:
     notice = moved_notice(Link(site=site, listen=("tcp/[::]:7447",)), "tcp/[::]:7448")
-    assert notice.endswith(f"listening at tcp/[::]:7448: give other commands {options}")
+    assert notice.endswith(f"so this run listens at tcp/[::]:7448. Give other commands {options}")
 
 
 async def test_surroundings_have_the_first_free_colour(bus: MemoryBus) -> None:

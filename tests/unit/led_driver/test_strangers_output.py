@@ -102,7 +102,7 @@ async def test_output_failure_is_reported_and_costs_other_outputs_nothing() -> N
         label = "LED output 'broken' of strangers-parts"
         said = [each for each in health[-1].warnings if each.startswith(label)]
         for problem in (
-            r" ended by itself.*; it is started again after \d+ s",
+            r" ended by itself.*; it will be restarted in \d+ s",
             r": set_strips failed \(KeyError: '0'\): .*",
             r": show failed \(ConnectionError: gone\): .*",
         ):

@@ -80,7 +80,7 @@ class TestClaim:
         bus.publisher(HEALTH, "pointing.ben").put(report(17, 5.0).model_copy(update={"user": "ben"}))
         await claim_names(bus, USER_ALIVE, {"anna"})
         assert "waiting" in caplog.text
-        assert "the name is taken over" in caplog.text
+        assert "its name is taken over" in caplog.text
 
 
 class TestSuccession:

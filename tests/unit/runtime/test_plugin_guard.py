@@ -100,14 +100,14 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
 
     work = asyncio.create_task(guard.keep_running(third_time_lucky))
     await until(lambda: "3 times" in guard.problem)
-    told = f"part 'mine' of strangers {how}, 3 times now; it is started again after 0.004 s"
+    told = f"part 'mine' of strangers {how}, 3 times now; it will be restarted in 0.004 s"
     assert sink.shown == {guard.label: told}
     await until(lambda: not sink.shown)  # it runs again, and has for a while
     assert guard.problem == ""
     work.cancel()
     await asyncio.wait({work})
     assert work.cancelled()
-    assert "part 'mine' of strangers failed at its end: ValueError: port lost" in caplog.text
+    assert "part 'mine' of strangers failed while it was ending: ValueError: port lost" in caplog.text
 
 
 def test_plugin_that_ignores_its_cancellation_is_abandoned(
@@ -128,7 +128,7 @@ def test_plugin_that_ignores_its_cancellation_is_abandoned(
         work.cancel()
         await asyncio.wait({work})
         assert work.cancelled()
-        assert "part 'mine' of strangers does not end when it is cancelled" in caplog.text
+        assert "part 'mine' of strangers did not end when it was cancelled" in caplog.text
         assert len(plugin_guard.abandoned) == 1
         assert asyncio.all_tasks() == {asyncio.current_task()}  # asyncio.run waits for no other
         stubborn_ends.set()

@@ -8,7 +8,7 @@ from pointit.services.supervisor.life_cycle import LifeCycle
 from tests.unit.supervisor import played
 from tests.unit.supervisor.played import Gesture, Phase, S, life_cycle, press, sample, shown, told
 
-AIM = "Point at led_1 with your arm straight and stay on it; no cursor is shown."
+AIM = "Point at led_1 with your arm straight and stay on it. No cursor is shown."
 
 
 def news(now_s: float, phase: Phase, **more: object) -> tuple[Localization, int]:
@@ -119,7 +119,7 @@ def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
         cycle.imu(*sample(now_s))
     outputs = cycle.tick(70 * S)
     assert told(outputs) == ["cancel", *went_back("refused", "pointing")]
-    assert "no further in 60 s" in shown(outputs).reason
+    assert "no progress for 60 s" in shown(outputs).reason
     assert told(cycle.tick(72 * S)) == ["idle", "cue stopped"]  # the wrist is silent by now
 
 
@@ -130,7 +130,7 @@ def test_anchor_ends_in_idle_when_the_wrist_is_silent(back: str) -> None:
     assert cycle.deadline_ns == 14 * S
     outputs = cycle.tick(14 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
-    assert "is the wristband on" in shown(outputs).reason
+    assert "Is the wristband on" in shown(outputs).reason
     assert cycle.localization(*news(14.1, "sampling", target_id="led_1", since_ns=10 * S)) == []
 
 

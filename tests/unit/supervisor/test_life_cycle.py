@@ -137,7 +137,7 @@ def test_silent_wrist_ends_localizing_before_the_timeout() -> None:
     assert cycle.deadline_ns == 13 * S
     outputs = cycle.tick(13 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
-    assert "is the wristband on" in shown(outputs).reason
+    assert "Is the wristband on" in shown(outputs).reason
 
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -172,12 +172,12 @@ def test_attempts_can_be_ended_by_the_person_and_time_out() -> None:
         (
             {"by": "stay", "pressed": ("kettle",), "pressed_count": 1},
             "confirm",
-            "press the button for kettle;",
+            "For kettle, press the button.",
         ),
         (
             {"by": "stay", "pressed": ("a", "b"), "pressed_count": 5},
             "confirm",
-            "the button for a, b and 3 more;",
+            "For a, b and 3 more, press the button.",
         ),
     ],
 )

@@ -186,7 +186,7 @@ async def test_silent_wrist_ends_the_interaction(anna: Person, *, localize: bool
 
     assert anna.states[-1] == ("localizing" if localize else "pointing")
     await until(lambda: anna.states[-1] == "idle")
-    assert "is the wristband on" in anna.interactions[-1].reason
+    assert "Is the wristband on" in anna.interactions[-1].reason
     assert anna.interactions[-1].stamp_ns - last_ns >= 5_000_000_000
     if localize:
         await until(lambda: anna.asked == ["start", "cancel"])

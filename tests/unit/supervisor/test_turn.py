@@ -29,10 +29,10 @@ def targets(outputs: list[Output]) -> list[str]:
 @pytest.mark.parametrize(
     ("ahead", "sentence"),
     [
-        (("anna",), "Wait: anna is pointing at the lamps, you are second; press the button to cancel."),
+        (("anna",), "Wait: anna is pointing at the lamps. You are second. Press the button to cancel."),
         (
             ("anna", "ben"),
-            "Wait: anna is pointing at the lamps, then comes ben, you are third; press the button to cancel.",
+            "Wait: anna is pointing at the lamps, then comes ben. You are third. Press the button to cancel.",
         ),
     ],
 )

@@ -84,7 +84,7 @@ class Life:
         self.person.see(self.now_ns, feedback)
 
     def state(self, state: State) -> None:
-        text = "Wait for the target to point at." if state == "localizing" else ""
+        text = "Wait for a target to point at." if state == "localizing" else ""
         self.cue("stopped" if state == "idle" else "started", text)
 
     def shine(self, lamp: str, *, blue: int = 255) -> None:

@@ -196,7 +196,7 @@ def test_selection_of_another_thing_is_understood_by_its_name() -> None:
     assert (look.perception.things.status("tin"), look.perception.things.status("oven")) == ("mine", "free")
 
 
-WAIT = "Wait for the target to point at; press the button to cancel."
+WAIT = "Wait for a target to point at. Press the button to cancel."
 Heard = tuple[Cue, str, str]
 STARTED: Heard = ("started", "Point with your arm straight.", "")
 WAITING: Heard = ("started", WAIT, "")

@@ -7,7 +7,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
 
-MAX_AGE_S = 1.0
+MAX_CURSOR_AGE_S = 1.0
 """Age up to which a ray counts, s."""
 TURN_S = 2.0
 """Time without pointing at what the robot is for after which others may use it, s."""
@@ -83,7 +83,7 @@ class PointingPeople:
             is_wanted: returns True for a ray at what the robot is for.
             is_busy: True if the robot may not change hands, as it holds something.
         """
-        oldest_ns = now_ns - MAX_AGE_S * NS_PER_S
+        oldest_ns = now_ns - MAX_CURSOR_AGE_S * NS_PER_S
         candidates: list[str] = []
         for user, ray in list(self._rays.items()):
             if ray.stamp_ns <= oldest_ns:

@@ -99,8 +99,8 @@ def silent(timeout_s: float) -> str:
 def too_long(timeout_s: float) -> str:
     """Return the reason if localizing reached neither another target nor an end within `timeout_s`."""
     return (
-        f"Localizing has made no progress for {timeout_s:g} s. Is the localizer running, and is the target in "
-        "sight?"
+        f"Localizing has made no progress for {timeout_s:g} s. Is the localizer running, and is the target "
+        "in sight?"
     )
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.site.pointing_people import MAX_AGE_S, MIN_SLOPE, TURN_S, PersonRay, PointingPeople
+from pointit.site.pointing_people import MAX_CURSOR_AGE_S, MIN_SLOPE, TURN_S, PersonRay, PointingPeople
 
 EYES_M = (0.0, 0.0, 1.6)
 AHEAD = (1.0, 0.0, 0.0)
@@ -97,7 +97,7 @@ def test_ray_ends_with_its_cursor_or_its_age() -> None:
     assert "anna" not in people
 
     point(people, "anna", 1.0)
-    choose(people, 1.0 + 0.9 * MAX_AGE_S)
+    choose(people, 1.0 + 0.9 * MAX_CURSOR_AGE_S)
     assert "anna" in people
-    choose(people, 1.1 + MAX_AGE_S)
+    choose(people, 1.1 + MAX_CURSOR_AGE_S)
     assert "anna" not in people

@@ -6,6 +6,7 @@ for clients that have stopped reading.
 
 import asyncio
 import contextlib
+import errno
 import functools
 import itertools
 import logging
@@ -88,6 +89,11 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
     except (OSError, OverflowError) as error:
         if listener is not None:
             listener.close()
+        if isinstance(error, OSError) and error.errno == errno.EADDRNOTAVAIL:
+            raise ListenError(
+                f"the page cannot listen at {host}, which is no address of this machine: write one that is, or "
+                "leave it empty"
+            ) from error
         raise ListenError(
             f"port {port} of {host} is not available for the page ({system_reason(error)}); "
             f"end what uses it, or choose another with {option} (0: any that is free)"

@@ -56,12 +56,12 @@ class AdvisedCommands:
             return f"`pointit site {arguments}`"
         return self.compose(f"run --rm --no-deps init site {arguments}")
 
-    def renew(self, name: str) -> str:
-        """Return the remedy `renew it with …`, by which `name` gets new credentials."""
+    def renewal(self, name: str) -> str:
+        """Return the clause after `renew it with` by which new credentials of `name` arrive here."""
         command = self.site(f"renew {name}")
         if self.containers:
-            return f"renew it with {command}, then `podman start {self.containers}-init`"
-        return f"renew it with {command} and copy the folder here"
+            return f"{command} and distribute them as deploy/README.md says, *Identities and their validity*"
+        return f"{command} and copy the folder here"
 
     def start_router(self) -> str:
         """Return the command that starts the site's router."""

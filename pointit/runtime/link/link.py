@@ -110,7 +110,8 @@ class Credentials:
             return ""
         name = self.link.name
         end = f"{self.link.valid_until:%Y-%m-%d}"
-        return f"the credentials of {name} end on {end}; before that, {advised_commands().renew(name)}"
+        renewal = advised_commands().renewal(name)
+        return f"the credentials of {name} end on {end}; before that, renew them with {renewal}"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings for Zenoh's configuration. They hold secrets: never show them."""
@@ -174,7 +175,7 @@ def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
         )
     if now > link.valid_until:
         end = f"{link.valid_until:%Y-%m-%d}"
-        remedy = advised_commands().renew(link.name)
+        remedy = f"renew it with {advised_commands().renewal(link.name)}"
         raise ConfigError(f"{certificate}: has expired on {end}; {remedy}")
     return Credentials(folder=folder, link=link)
 

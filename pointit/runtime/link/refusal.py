@@ -73,7 +73,7 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     if credentials.link.password:
         return PassingRefusal(
             f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "
-            f"persists, {advised_commands().renew(name)}"
+            f"persists, renew it with {advised_commands().renewal(name)}"
         )
     return ""
 

@@ -132,6 +132,14 @@ def test_sentences_of_a_process_follow_the_variable(monkeypatch: pytest.MonkeyPa
     check_commands(refusal)
 
 
+def test_renewal_in_containers_leads_to_a_section_of_the_readme() -> None:
+    renewal = HALL.renewal("anna")
+    check_commands(renewal)
+    section = renewal.split("*")[1]
+    assert f"## {section}\n" in (DEPLOY / "README.md").read_text(encoding="utf-8")
+    assert AdvisedCommands().renewal("anna") == "`pointit site renew anna` and copy the folder here"
+
+
 def test_observation_without_containers_names_commands_of_a_shell() -> None:
     seen = Observation(began_s=0.0, now_s=9.0, present=frozenset({"router-1234"}))
     (finding,) = find_empty_site(seen)

@@ -91,8 +91,8 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
             listener.close()
         if isinstance(error, OSError) and error.errno == errno.EADDRNOTAVAIL:
             raise ListenError(
-                f"the page cannot listen at {host}, which is no address of this machine: write one that is, or "
-                "leave it empty"
+                f"the page cannot listen at {host}, which is no address of this machine: write one that is, "
+                "or leave it empty"
             ) from error
         raise ListenError(
             f"port {port} of {host} is not available for the page ({system_reason(error)}); "

@@ -62,7 +62,7 @@ def check_writable(summary: Path) -> None:
         raise ConfigError(f"--summary {summary}: there is no directory {summary.parent}")
     written = summary if summary.exists() else summary.parent
     if not os.access(written, os.W_OK):
-        raise ConfigError(f"--summary {summary}: cannot be written (Permission denied)")
+        raise ConfigError(f"--summary {summary}: cannot be written (permission denied)")
 
 
 def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:

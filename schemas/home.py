@@ -1,10 +1,10 @@
 """The set-up of a home: the request of its cards, and what they show."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Extent, Id, Many, Query, Real, Reply, SchemaModel
+from pointit.schemas.base import Extent, Id, KeyNameOrEmpty, Many, Query, Real, Reply, SchemaModel
 
 HomeStep = Literal["connect", "choose", "hand", "place", "try", "done"]
 """Card of the set-up: the Home Assistant, the lamps, what points, where the lamps are, a trial; or none."""
@@ -20,6 +20,8 @@ TOKEN_FILE = "home-assistant.token"  # noqa: S105 - a name
 """Name of the file with the token in the folder of a home."""
 PASSWORD_FILE = "mqtt.password"  # noqa: S105 - a name
 """Name of the file with the password of the broker there."""
+NEW_SECRET = ".new-secret"  # noqa: S105 - a suffix
+"""Suffix there of files with a token or password that nobody has accepted yet."""
 STRIP = "strip:"
 LAMP = "lamp:"
 """Begin of the ids of lights of the map, which are no entities of Home Assistant."""
@@ -27,6 +29,8 @@ LAMP = "lamp:"
 
 class SetUpHome(Query):
     """One act of a person at the cards that set up a home."""
+
+    version: ClassVar[int] = 2
 
     act: Annotated[
         HomeAct,
@@ -51,6 +55,13 @@ class SetUpHome(Query):
     user: Id = ""
     place: HomePlace = ""
     step: HomeStep | None = None
+    secret: Annotated[
+        KeyNameOrEmpty,
+        Field(
+            description="name, without its suffix, of the file in the folder of the home with the token or "
+            "password for `url`; it is stored once it was accepted. Empty: the stored one is for it",
+        ),
+    ] = ""
 
 
 class HomeLamp(SchemaModel):

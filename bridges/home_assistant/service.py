@@ -66,6 +66,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Prepare; nothing is connected yet. Raises ConfigError as `validate_config`."""
         super().__init__(config, context)
         self.validate_config(config)
+        self._given_config = config
+        """Parameters of the run: the set-up of a home may have another address."""
         self._loop = asyncio.get_running_loop()
 
         # Things of the map
@@ -155,11 +157,13 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                     self._report_loss(str(error))
                     if self._setup is not None:
                         self._problem = REJECTED_LOGIN
-                    await self._wait_for_new_token()
+                    if not await self._end_trial():
+                        await self._wait_for_new_token()
                 except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
                     address = self.config.broker or self.config.url
                     self._report_loss(str(error) or f"{address} does not answer: restart it")
-                    await self._pause_before_retry()
+                    if not await self._end_trial():
+                        await self._pause_before_retry()
         finally:
             await self._carrier.close()
 
@@ -168,6 +172,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self.bus.warn("connection", problem)
         self._problem = problem
         self._carrier.tell()
+
+    async def _end_trial(self) -> bool:
+        """Return to the address that works if another one was tried. Return False if there is none."""
+        return self._setup is not None and await self._setup.end_trial(self._problem)
 
     async def _wait_for_new_token(self) -> None:
         """Wait for another token: with the same one Home Assistant blocks this machine in the end."""
@@ -181,7 +189,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if self._setup is None:
             return
         self._setup.address_changed.clear()
-        self.config = self._setup.config_of(self.config)
+        self.config = self._setup.address.config_of(self._given_config)
         if not self.config.url and not self.config.broker:
             self._problem = "no Home Assistant or broker is set up yet: open the page and choose one"
             self.bus.clear("connection")
@@ -242,6 +250,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._commands.open(connection)
         self.bus.clear("connection")
         self._problem = ""
+        if self._setup is not None:
+            await self._setup.on_accepted()
         while True:
             change = self._change  # those that come from now on have another turn
             if self._is_starting:

@@ -334,10 +334,11 @@ class HomeRequests(_Requests[D], Generic[D, R]):
         user: str = "",
         place: HomePlace = "",
         step: HomeStep | None = None,
+        secret: str = "",
     ) -> R:
         """Do one act at the cards of `pointit home`, and return what they show. For operators only."""
         fields = {"url": url, "lamps": lamps, "hand": hand, "user": user, "place": place, "step": step}
-        reply: R = self._ask(topics.SET_UP_HOME, act=act, **fields)
+        reply: R = self._ask(topics.SET_UP_HOME, act=act, secret=secret, **fields)
         return reply
 
 

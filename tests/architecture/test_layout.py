@@ -37,7 +37,8 @@ DEVICES = {
         "foxglove": "server.py",
         "home-assistant": """
             announcer.py connection.py entities.py entity_commands.py mqtt/broker_connection.py
-            setup/home_files.py setup/setup_session.py""",
+            setup/home_address.py setup/home_files.py
+            setup/setup_session.py""",
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py",
         "reactions": "http_status.py targets.py",

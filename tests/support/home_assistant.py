@@ -14,7 +14,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import HomeAssistantConnection
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, LoginError
 from pointit.bridges.home_assistant.service import HomeAssistant
 from pointit.schemas import ActResult, Environment, Hover, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.environment import Thing, ThingMode
@@ -194,7 +194,8 @@ class MemoryHome:
         try:
             await self.client.recv()
             await self.client.send(json.dumps({"type": "auth", "access_token": config.read_token()}))
-            await self.client.recv()
+            if json.loads(await self.client.recv())["type"] == "auth_invalid":
+                raise LoginError("Home Assistant rejects the token")
             self.client.messages.clear()
             yield HomeAssistantConnection(cast("ClientConnection", self.client))
         finally:

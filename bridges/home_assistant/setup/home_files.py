@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.home_assistant.setup.progress import ChosenLamp, PlacedLamp, StoredSetup
+from pointit.bridges.home_assistant.setup.progress import (
+    AddressTrial,
+    ChosenLamp,
+    PlacedLamp,
+    StoredSetup,
+)
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
@@ -16,11 +21,11 @@ from pointit.maps.file import parse_map_file
 from pointit.maps.light_files.strip_fit import free_name
 from pointit.maps.model import MAX_LABEL, MapFile
 from pointit.maps.things import things_of
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
 from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.scan.paced import FIRST, SECOND
-from pointit.schemas.home import LAMP, PASSWORD_FILE, STRIP, TOKEN_FILE
+from pointit.schemas.home import LAMP, NEW_SECRET, PASSWORD_FILE, STRIP, TOKEN_FILE
 
 MAP = "home.yaml"
 DRAFT = "placing.yaml"
@@ -47,6 +52,7 @@ class HomeFiles:
 
     def __init__(self, folder: Path) -> None:
         """Use `folder`, which need not exist."""
+        self._folder = folder
         self.map = folder / MAP
         self.draft = folder / DRAFT
         self.site = folder / SITE
@@ -90,6 +96,38 @@ class HomeFiles:
     def secret_of(self, url: str) -> Path:
         """Return the file with the password of the broker at `url`, or with the token of a Home Assistant."""
         return self.password if is_broker_url(url) else self.token
+
+    def secret_of_trial(self, trial: AddressTrial) -> Path:
+        """Return the file with the token or password that is sent to an address that is tried."""
+        return self._new_secret(trial.secret) if trial.secret else self.secret_of(trial.url)
+
+    def replace_secret(self, name: str, new_name: str) -> None:
+        """Replace the file `name` by that of a new secret, with its rights and time, unless that was done.
+
+        Raises:
+            ConfigError: If it cannot be replaced. Both are as before.
+        """
+        path = self._folder / name
+        try:
+            self._new_secret(new_name).replace(path)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+    def remove_new_secret(self, name: str) -> None:
+        """Remove the file of a token or password that was not accepted, if it is there."""
+        if name:
+            self._new_secret(name).unlink(missing_ok=True)
+
+    def remove_new_secrets(self, *, except_for: str) -> None:
+        """Remove all files of tokens and passwords that were not accepted, except for one."""
+        for path in self._folder.glob(f"*{NEW_SECRET}"):
+            if path.name != f"{except_for}{NEW_SECRET}":
+                path.unlink(missing_ok=True)
+
+    def _new_secret(self, name: str) -> Path:
+        return self._folder / f"{name}{NEW_SECRET}"
 
     def secret_written_ns(self, url: str) -> int | None:
         """Return the time at which the secret of `url` was written, ns, or None if it needs or has none."""

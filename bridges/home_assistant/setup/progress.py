@@ -87,6 +87,16 @@ class UsedSecret(_Stored):
 
     url: str
     written_ns: int
+    replacement: str = ""
+    """Name as in `AddressTrial` of the one that replaces the file, `""` once it has."""
+
+
+class AddressTrial(_Stored):
+    """An address that nobody has accepted yet."""
+
+    url: str
+    secret: str = ""
+    """Name as in `SetUpHome` of the token or password that was given with it, `""` for the stored one."""
 
 
 class StoredSetup(_Stored):
@@ -94,6 +104,8 @@ class StoredSetup(_Stored):
 
     step: HomeStep = "connect"
     url: str = ""
+    """Address that was accepted last."""
+    trial: AddressTrial | None = None
     has_home: bool = True
     """False if the person has said that there is no Home Assistant."""
     secrets: dict[str, UsedSecret] = {}
@@ -232,9 +244,24 @@ class SetupProgress:
         is_last_place = state.place == SECOND or state.has_one_place
         return is_last_place and self.target is None
 
-    def connect(self, url: str) -> None:
-        """Use the Home Assistant at `url`. Its lamps are chosen once it is connected."""
-        self._change(url=url, has_home=True, step="connect")
+    def connect(self, url: str, secret: str = "") -> None:
+        """Try the home at `url`. Its lamps are chosen once it has accepted. `secret` as in `AddressTrial`."""
+        self._change(trial=AddressTrial(url=url, secret=secret), step="connect")
+
+    def accept_trial(self, name: str, secret: UsedSecret | None) -> None:
+        """Use the address that was tried. `secret`: that of the file `name`, if it is another one."""
+        trial = self.state.trial
+        if trial is None:
+            return
+        secrets = self.state.secrets
+        if secret is not None:
+            secrets = {**secrets, name: secret}
+        self._change(url=trial.url, trial=None, has_home=True, secrets=secrets)
+        self.on_connected()
+
+    def end_trial(self) -> None:
+        """Go on with the address that was accepted last. The card stays, for another one."""
+        self._change(trial=None)
 
     def use_secret(self, name: str, url: str, written_ns: int) -> None:
         """Note that the token or password in the file `name` is sent to `url`.
@@ -243,23 +270,26 @@ class SetupProgress:
             RefusedError: If it was given for another address: nobody gets it but whom it was given for.
         """
         used = self.state.secrets.get(name)
+        if used is not None and used.written_ns == written_ns and used.url != url:
+            raise RefusedError(
+                f"the stored token or password is that of {used.url}: give that of the new address, too"
+            )
         secret = UsedSecret(url=url, written_ns=written_ns)
-        if used is not None:
-            is_unwritten = used.written_ns == written_ns
-            if is_unwritten and used != secret:
-                raise RefusedError(
-                    f"the stored token or password is that of {used.url}: give that of the new address, too"
-                )
+        self._change(secrets={**self.state.secrets, name: secret})
+
+    def on_replaced(self, name: str) -> None:
+        """Note that the file `name` has the token or password that was accepted."""
+        secret = self.state.secrets[name].model_copy(update={"replacement": ""})
         self._change(secrets={**self.state.secrets, name: secret})
 
     def on_connected(self) -> None:
-        """Go on to the choice of lamps, since the token was accepted."""
+        """Go on to the choice of lamps, since the home has accepted."""
         if self.state.step == "connect":
             self._change(step="choose")
 
     def without_home(self) -> None:
         """Go on without a Home Assistant: there are the lights of the map."""
-        self._change(has_home=False, url="", step="choose")
+        self._change(has_home=False, url="", trial=None, step="choose")
 
     def choose(self, lamps: Sequence[ChosenLamp], offered: Collection[str]) -> None:
         """Point at `lamps` from now on, among those `offered`."""

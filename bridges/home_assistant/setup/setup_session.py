@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
-from pointit.bridges.home_assistant.config import FORM, HomeAssistantConfig
 from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
 from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHomeAssistantError
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
+from pointit.bridges.home_assistant.setup.home_address import HomeAddress
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
 from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
 from pointit.bridges.home_assistant.setup.progress import AGAIN, ChosenLamp, End, SetupProgress
@@ -25,7 +24,6 @@ from pointit.maps.file import parse_map_file
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
-from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
 from pointit.schemas import ButtonEvent, HomeLamp, HomeSetup, ImuSample, PointingRay, SetUpHome
 from pointit.schemas.base import MAX_ID
 from pointit.schemas.home import LAMP, STRIP
@@ -80,6 +78,7 @@ class SetupSession:
         """
         self.files = HomeFiles(folder)
         self.progress = SetupProgress(self.files.state.read())
+        self.address = HomeAddress(self.files, self.progress)
         self.address_changed = asyncio.Event()
         """Set when another address or token is to be used."""
         self._bus = bus
@@ -117,28 +116,17 @@ class SetupSession:
         bus.subscribe(BUTTON, self._on_button)
         self._report_progress()
 
-    def config_of(self, config: HomeAssistantConfig) -> HomeAssistantConfig:
-        """Return `config` with the address that was set up, and the file of its token or password."""
-        state = self.progress.state
-        if not state.url and state.has_home:
-            return config
-        secret = str(self.files.secret_of(state.url))
-        if not is_broker_url(state.url):
-            return config.model_copy(update={"url": state.url, "token_file": secret, "broker": ""})
-
-        # A broker without a user name asks for no password
-        broker = BrokerConfig(broker=state.url)
-        values = broker.model_dump(include={"broker", "tls", "username"})
-        has_password = bool(broker.username) and Path(secret).exists()
-        values["password_file"] = secret if has_password else ""
-        return config.model_copy(update={"url": "", "token_file": "", **values})
-
     @property
     def entities(self) -> set[str]:
         """Return the entities whose states matter here."""
         chosen = {lamp.id for lamp in self.progress.state.lamps}
         lit = {self._spot, *self._lit.entities} - {""}
         return chosen | lit
+
+    @property
+    def _is_connected(self) -> bool:
+        """Return True if the home at the shown address is connected, and has accepted."""
+        return self._connection is not None and self.progress.state.trial is None
 
     @property
     def hovered(self) -> set[str]:
@@ -194,13 +182,9 @@ class SetupSession:
 
     def _set_address(self, query: SetUpHome) -> None:
         if query.act == "connect":
-            url = _checked_url(query.url)
-            written_ns = self.files.secret_written_ns(url)
-            if written_ns is not None:
-                self.progress.use_secret(self.files.secret_of(url).name, url, written_ns)
-            self.progress.connect(url)
+            self.address.connect(query.url, query.secret)
         else:
-            self.progress.without_home()
+            self.address.without_home()
         self._entities_s = -math.inf
         self.address_changed.set()
 
@@ -283,7 +267,7 @@ class SetupSession:
             return self._problem
         if self._refusal:
             return self._refusal
-        if not state.url or self._connection is not None:
+        if not self.address.url or self._is_connected:
             return ""
         if state.step == "connect":
             return connection_problem
@@ -302,8 +286,7 @@ class SetupSession:
             advice = await asyncio.to_thread(advice_on, content, self.files.map, state.places_m)
         elif state.step == "choose" and self._connection is not None:
             advice = list(self._connection.refusals)
-        has_token = self.files.secret_of(state.url).exists()
-        is_connected = self._connection is not None
+        has_token = await asyncio.to_thread(lambda: self.address.has_secret)
         lamps = tuple(await self._shown_lamps())
 
         # From here on nothing waits: place, poses and pose are those of one moment.
@@ -329,9 +312,9 @@ class SetupSession:
         shown_advice = tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice[:MAX_ADVICE])
         return HomeSetup(
             step=state.step,
-            url=state.url,
+            url=self.address.url,
             has_token=has_token,
-            is_connected=is_connected,
+            is_connected=self._is_connected,
             problem=one_line(problem, MAX_SENTENCE),
             lamps=lamps,
             hand=state.hand,
@@ -470,16 +453,42 @@ class SetupSession:
         self._connection = connection
         self._entities_s = -math.inf
         try:
-            self.progress.on_connected()
-            async with self._acting:
-                await self._store_progress()
-                await asyncio.to_thread(self.files.write_site, self.progress.state)
             while not self.address_changed.is_set():
                 await self._light_spot(connection)
                 await asyncio.sleep(TICK_S)
         finally:
             self._connection = None
         raise NoHomeAssistantError("another address or token is used from now on")
+
+    async def on_accepted(self) -> None:
+        """Keep the address in use, since the home there answers. Raises PointItError: it cannot be stored."""
+        async with self._acting:
+            state_before = self.progress.state
+            try:
+                self.address.accept()
+                await self._store_progress()
+            except PointItError:
+                self.progress.state = state_before
+                raise
+            # The state first: it says which secret belongs to which address, also after a kill
+            await asyncio.to_thread(self.address.write)
+
+    async def end_trial(self, reason: str) -> bool:
+        """Return to the address that works, since the one in use has failed, and say so at the card.
+
+        Return False if there is none to return to, or somebody has given another one meanwhile.
+        """
+        async with self._acting:
+            if self.address_changed.is_set():
+                return False
+            working = self.address.end_trial()
+            if not working:
+                return False
+            self._problem = f"{reason}. {working} is used as before"
+            # A full disk ends no service: the next act stores it, and a restart ends the trial once more
+            with contextlib.suppress(PointItError):
+                await self._store_progress()
+            return True
 
     def on_first_state(self, entity: str, state: Mapping[str, Any]) -> None:
         """Note the state of an entity that was not known on this connection."""
@@ -542,30 +551,3 @@ class SetupSession:
 
 def _is_of_map(lamp: str) -> bool:
     return lamp.startswith((STRIP, LAMP))
-
-
-def _checked_url(text: str) -> str:
-    url = text.strip()
-    if url and "://" not in url:
-        url = f"http://{url}"
-    if is_broker_url(url):
-        return _checked_broker(url)
-    try:
-        checked = HomeAssistantConfig(url=url).url
-    except ValidationError:
-        checked = ""
-    if not checked:
-        raise RefusedError(f"that is no address of a Home Assistant: {FORM}")
-    return checked
-
-
-def _checked_broker(url: str) -> str:
-    try:
-        host = BrokerConfig(broker=url).broker
-    except ValidationError:
-        host = ""
-    if not host:
-        raise RefusedError(
-            "that is no address of a broker: write mqtt://HOST, or mqtt://USER@HOST and the password below"
-        )
-    return url.rstrip("/")

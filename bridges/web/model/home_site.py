@@ -1,13 +1,15 @@
 """The set-up of a home for pages: stores its token, asks `home-assistant`, and makes the site follow.
 
-The token of a Home Assistant, or the password of a broker, goes into a file in the folder of the home and
-nowhere else. Answers call for requests of an operator, which the server of the page may send: a map, the
-pose of the person, the light of a strip.
+The token of a Home Assistant, or the password of a broker, goes into a file of its own in the folder of the
+home and nowhere else. `home-assistant` puts it in place of the stored one once it was accepted. Answers call
+for requests of an operator, which the server of the page may send: a map, the pose of the person, the light
+of a strip.
 """
 
 import asyncio
 import contextlib
 import re
+import secrets
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ from pointit.runtime.host.state_file import expand_home, write_atomically
 from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
 from pointit.schemas.base import Rgb
-from pointit.schemas.home import LAMP, PASSWORD_FILE, STRIP, TOKEN_FILE
+from pointit.schemas.home import LAMP, NEW_SECRET, STRIP
 from pointit.schemas.topics import SET_LAMP, SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
 
 MAX_TOKEN = 4096
@@ -60,7 +62,7 @@ class HomeSite:
 
         Args:
             query: the act.
-            token: long-lived access token, or password of a broker, that is stored first, or None.
+            token: long-lived access token, or password of a broker, for the address of the act, or None.
             pixels: number of pixels of each strip of the map.
 
         Raises:
@@ -68,28 +70,32 @@ class HomeSite:
         """
         if not self._folder:
             raise RefusedError("this page belongs to no home: start `pointit home`")
-        if token is not None:
-            store = self._store_password if is_broker_url(query.url) else self._store_token
-            await asyncio.to_thread(store, token.get_secret_value())
-        reply = await self._bus.call(SET_UP_HOME, query, timeout_s=TIMEOUT_S)
+        if token is None:
+            reply = await self._bus.call(SET_UP_HOME, query, timeout_s=TIMEOUT_S)
+        else:
+            reply = await self._connect(query, token.get_secret_value())
         async with self._working:
             await self._apply_reply(reply, pixels)
         return reply.model_dump(mode="json")
 
-    def _store_token(self, secret: str) -> None:
-        token = secret.strip()
-        if len(token) > MAX_TOKEN or TOKEN_FORM.fullmatch(token) is None:
-            raise RefusedError(
-                "that is no access token: copy the whole long-lived access token, one long word, from your "
-                "profile in Home Assistant"
-            )
-        write_atomically(expand_home(self._folder) / TOKEN_FILE, token.encode(), mode=0o600)
+    async def _connect(self, query: SetUpHome, secret: str) -> HomeSetup:
+        """Try an address with its token or password, which is in a file as long as it may be accepted.
 
-    def _store_password(self, secret: str) -> None:
-        content = secret.encode()
-        if not secret.isprintable() or not 0 < len(content) <= MAX_PASSWORD_BYTES:
-            raise RefusedError("that is no password: write it on one line, as the broker has it")
-        write_atomically(expand_home(self._folder) / PASSWORD_FILE, content, mode=0o600)
+        Raises:
+            PointItError: If it is no token or password, or the address is refused.
+        """
+        if query.act != "connect":
+            raise RefusedError("a token or password belongs to an address: give both")
+        content = _password_of(secret) if is_broker_url(query.url) else _token_of(secret)
+        name = secrets.token_hex(8)
+        file = expand_home(self._folder) / f"{name}{NEW_SECRET}"
+        await asyncio.to_thread(write_atomically, file, content, mode=0o600)
+        query = query.model_copy(update={"secret": name})
+        try:
+            return await self._bus.call(SET_UP_HOME, query, timeout_s=TIMEOUT_S)
+        except BaseException:
+            file.unlink(missing_ok=True)
+            raise
 
     async def _apply_reply(self, reply: HomeSetup, pixels: dict[str, int]) -> None:
         """Send the requests that an answer calls for: map, pose and light."""
@@ -135,6 +141,25 @@ class HomeSite:
             end = range(min(END_PIXELS, count))
         lit = LitPixels(id=strip, pixels=tuple(end), color=WHITE)
         await self._bus.call(SHOW_PIXELS, ShowPixels(lit=(lit,), for_s=SHOWN_S))
+
+
+def _token_of(secret: str) -> bytes:
+    """Return the content of the file of a token. Raises RefusedError."""
+    token = secret.strip()
+    if len(token) > MAX_TOKEN or TOKEN_FORM.fullmatch(token) is None:
+        raise RefusedError(
+            "that is no access token: copy the whole long-lived access token, one long word, from your "
+            "profile in Home Assistant"
+        )
+    return token.encode()
+
+
+def _password_of(secret: str) -> bytes:
+    """Return the content of the file of a password. Raises RefusedError."""
+    content = secret.encode()
+    if not secret.isprintable() or not 0 < len(content) <= MAX_PASSWORD_BYTES:
+        raise RefusedError("that is no password: write it on one line, as the broker has it")
+    return content
 
 
 def _version_of(path: str) -> tuple[str, int]:

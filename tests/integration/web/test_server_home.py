@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import Done, HomeSetup, SetPose, SetUpHome, ShowPixels, UseMap, UseMapReply
 from pointit.schemas.topics import SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
 from tests.integration.web.pages import VIEWER, serving
@@ -18,8 +19,9 @@ SECRET = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of a 
 class HomeServer:
     """Answers in place of home-assistant, pui and localizer, and notes what it is asked."""
 
-    def __init__(self, bench: Bench, reply: HomeSetup) -> None:
+    def __init__(self, bench: Bench, reply: HomeSetup, refusal: str = "") -> None:
         self.reply = reply
+        self.refusal = refusal
         self.acts: list[SetUpHome] = []
         self.maps: list[str] = []
         self.poses: list[tuple[str, SetPose]] = []
@@ -30,6 +32,8 @@ class HomeServer:
 
     async def _act(self, query: SetUpHome, _name: str) -> HomeSetup:
         self.acts.append(query)
+        if self.refusal:
+            raise RefusedError(self.refusal)
         return self.reply
 
     async def _use(self, query: UseMap, _name: str) -> UseMapReply:
@@ -42,6 +46,11 @@ class HomeServer:
 
     async def _show(self, _query: ShowPixels, _name: str) -> Done:
         return Done()
+
+
+def content_of(folder: Path) -> dict[str, str]:
+    """Return the files of a home with their content, none if there is no home."""
+    return {file.name: file.read_text() for file in folder.glob("*")}
 
 
 def act(name: str = "read", token: str | None = None, **fields: Any) -> dict[str, Any]:
@@ -62,13 +71,15 @@ async def test_token_goes_into_a_private_file_and_nowhere_else(
         home = HomeServer(bench, HomeSetup(step="connect"))
         answer = await page.ask(**act("connect", SECRET, url="http://ha:8123"))
 
-        file = folder / "home-assistant.token"
-        assert (file.read_text(), file.stat().st_mode & 0o777) == (SECRET, 0o600)
-        assert home.acts == [SetUpHome(act="connect", url="http://ha:8123")]
+        ((file, token),) = content_of(folder).items()
+        name = file.removesuffix(".new-secret")
+        assert (token, (folder / file).stat().st_mode & 0o777) == (SECRET, 0o600)
+        assert home.acts == [SetUpHome(act="connect", url="http://ha:8123", secret=name)]
         refused = [await page.ask(**act("connect", text)) for text in (f"{SECRET} x", SECRET * 100, "")]
         assert all("no access token" in each["error"] for each in refused)
         odd = await page.ask(deed="set_up_home", query={"token": {"a": SECRET}})
-        assert file.read_text() == SECRET
+        assert "belongs to an address" in (await page.ask(**act("read", SECRET)))["error"]
+        assert content_of(folder) == {file: SECRET}
     told = json.dumps([answer, *refused, odd]) + caplog.text
     assert SECRET not in told
 
@@ -78,30 +89,47 @@ async def test_password_of_a_broker_goes_into_a_private_file_as_it_is(
 ) -> None:
     caplog.set_level(logging.DEBUG)
     password = " pass word "  # noqa: S105 - of a test
+    folder = tmp_path / "home"
     async with (
         memory_bench() as bench,
-        serving(bench, home_folder=str(tmp_path)) as server,
+        serving(bench, home_folder=str(folder)) as server,
         server.page() as page,
     ):
         home = HomeServer(bench, HomeSetup(step="connect"))
         answer = await page.ask(**act("connect", password, url="mqtt://anna@hub"))
 
-        file = tmp_path / "mqtt.password"
-        assert (file.read_text(), file.stat().st_mode & 0o777) == (password, 0o600)
-        assert home.acts == [SetUpHome(act="connect", url="mqtt://anna@hub")]
-        assert not (tmp_path / "home-assistant.token").exists()
+        ((file, secret),) = content_of(folder).items()
+        name = file.removesuffix(".new-secret")
+        assert (secret, (folder / file).stat().st_mode & 0o777) == (password, 0o600)
+        assert home.acts == [SetUpHome(act="connect", url="mqtt://anna@hub", secret=name)]
         for refused in ("", "a\nb", "x" * 2000):
             reply = await page.ask(**act("connect", refused, url="mqtt://anna@hub"))
             assert "no password" in reply["error"]
-        assert file.read_text() == password
+        assert content_of(folder) == {file: password}
     # the log of the test's own browser has what it sends
     logged = [record.getMessage() for record in caplog.records if record.name.startswith("pointit")]
     assert logged
     assert password not in json.dumps([answer, *logged])
 
 
+async def test_token_of_a_refused_address_is_not_kept(tmp_path: Path) -> None:
+    folder = tmp_path / "home"
+    folder.mkdir()
+    (folder / "home-assistant.token").write_text("the stored one")
+    async with (
+        memory_bench() as bench,
+        serving(bench, home_folder=str(folder)) as server,
+        server.page() as page,
+    ):
+        HomeServer(bench, HomeSetup(step="connect"), refusal="that is no address")
+        reply = await page.ask(**act("connect", SECRET, url="ftp://ha"))
+    assert "no address" in reply["error"]
+    assert content_of(folder) == {"home-assistant.token": "the stored one"}
+
+
 async def test_home_is_set_up_only_by_operators_of_a_home(tmp_path: Path) -> None:
-    async with memory_bench() as bench, serving(bench, home_folder=str(tmp_path)) as server:
+    folder = tmp_path / "home"
+    async with memory_bench() as bench, serving(bench, home_folder=str(folder)) as server:
         home = HomeServer(bench, HomeSetup(step="connect"))
         async with server.page(VIEWER) as viewer:
             assert viewer.hello is not None
@@ -113,7 +141,7 @@ async def test_home_is_set_up_only_by_operators_of_a_home(tmp_path: Path) -> Non
             assert page.hello["home"]
 
         assert not home.acts
-        assert not (tmp_path / "home-assistant.token").exists()
+        assert content_of(folder) == {}
     async with memory_bench() as bench, serving(bench) as server, server.page() as page:
         assert page.hello is not None
         assert not page.hello["home"]

@@ -11,6 +11,7 @@ import pytest
 
 from pointit.bridges.home_assistant import service
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.home_connection import NoHomeAssistantError
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, HomeSetup, PointingRay, SetUpHome
@@ -227,6 +228,125 @@ async def test_stored_token_is_sent_to_no_other_address(
         # A token that is given again may be for the new address
         files.token.write_text(TOKEN)
         assert (await shown.act("connect", url="http://elsewhere:8123")).url == "http://elsewhere:8123"
+
+
+NEW = "0123456789abcdef"
+NEW_FILE = f"{NEW}.new-secret"
+HOME_URL = "http://home.local:8123"
+
+
+def give_token(folder: Path, token: str) -> str:
+    """Write a token as the page does, and return its name."""
+    file = folder / NEW_FILE
+    file.write_text(token)
+    file.chmod(0o600)
+    return NEW
+
+
+async def test_rejected_token_leaves_the_working_one_in_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    files = with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await shown.act("connect", url=HOME_URL)
+        await shown.until("choose")
+        site = files.site.read_text()
+        await shown.act("connect", url=HOME_URL, secret=give_token(tmp_path, "mistyped"))
+        await asyncio.sleep(10.0)
+
+        setup = await shown.act()
+        assert "rejects the token" in setup.problem
+        assert f"{HOME_URL} is used as before" in setup.problem
+        assert (setup.step, setup.url, setup.is_connected) == ("connect", HOME_URL, True)
+    assert home.logins == [TOKEN, "mistyped", TOKEN], "a wrong one is sent once"
+    assert files.token.read_text().strip() == TOKEN
+    assert not (tmp_path / NEW_FILE).exists()
+    assert files.site.read_text() == site
+
+
+async def test_address_without_an_answer_leaves_the_working_one_in_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    files = with_token(tmp_path)
+
+    @asynccontextmanager
+    async def connected(config: HomeAssistantConfig) -> AsyncGenerator[Any]:
+        if config.url != HOME_URL:
+            raise NoHomeAssistantError(f"no Home Assistant answers at {config.url}")
+        async with home.connected(config) as connection:
+            yield connection
+
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        monkeypatch.setattr(service, "connected", connected)
+        await shown.act("connect", url=HOME_URL)
+        await shown.until("choose")
+        await shown.act("connect", url="http://mistyped", secret=give_token(tmp_path, "another"))
+        await asyncio.sleep(10.0)
+
+        setup = await shown.act()
+        sentence = f"no Home Assistant answers at http://mistyped. {HOME_URL} is used as before"
+        assert (setup.problem, setup.url, setup.is_connected) == (sentence, HOME_URL, True)
+    assert files.token.read_text().strip() == TOKEN
+    assert home.logins == [TOKEN, TOKEN], "the working token is sent to no other address"
+
+
+async def test_accepted_token_replaces_the_stored_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    files = with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await shown.act("connect", url=HOME_URL)
+        await shown.until("choose")
+        home.token = "another"  # noqa: S105 - of a test
+        await shown.act("connect", url=HOME_URL, secret=give_token(tmp_path, "another"))
+        await shown.until("choose")
+
+        assert (files.token.read_text(), files.token.stat().st_mode & 0o777) == ("another", 0o600)
+        assert not (tmp_path / NEW_FILE).exists()
+        home.disconnect()
+        await asyncio.sleep(5.0)
+        assert (await shown.act()).is_connected
+    assert home.logins == [TOKEN, "another", "another"]
+
+
+async def test_first_token_is_tried_until_another_one_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_two()
+    files = HomeFiles(tmp_path)
+    files.create()
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await shown.act("connect", url=HOME_URL, secret=give_token(tmp_path, "mistyped"))
+        await asyncio.sleep(10.0)
+        setup = await shown.act()
+        assert (setup.step, setup.is_connected, setup.has_token) == ("connect", False, True)
+        assert not files.token.exists()
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        assert "rejects the token" in (await shown.act()).problem
+        await shown.act("connect", url=HOME_URL, secret=give_token(tmp_path, TOKEN))
+        await shown.until("choose")
+    assert files.token.read_text() == TOKEN
+
+
+async def test_address_in_the_parameters_stays_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = home_of_two()
+    files = HomeFiles(tmp_path)
+    files.create()
+    written = f"home_assistant: {{url: '{HOME_URL}', token_file: /token, hover: false}}\n"
+    files.site.write_text(written)
+    monkeypatch.setattr(service, "connected", home.connected)
+    async with memory_bench() as bench:
+        start(bench, config_of(tmp_path, 1, setup=str(tmp_path)))
+        await asyncio.sleep(1.0)
+        shown = Cards(bench)
+        await shown.until("choose")
+        await shown.act("connect", url=HOME_URL, secret=give_token(tmp_path, "mistyped"))
+        await asyncio.sleep(10.0)
+        assert "is used as before" in (await shown.act()).problem
+    assert files.site.read_text() == written
 
 
 async def test_press_without_movement_says_what_to_do(

@@ -16,10 +16,12 @@ from pointit.bridges.home_assistant.mqtt.value_template import NONE, ValueTempla
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.mqtt.discovery import (
     MAX_TEXT,
+    MAX_TOPIC,
     LightConfig,
     availabilities,
     items,
     json_value,
+    label,
     mapping,
     name_of,
     text,
@@ -36,6 +38,13 @@ MAX_ENTITY = 100
 ON_COMMAND_TYPES = ("last", "first", "brightness")
 AVAILABILITY_MODES = ("latest", "all", "any")
 MAX_AVAILABILITIES = 20
+MAX_SLASHES = 200
+"""Limit of a topic's slashes: Mosquitto ends the connection of a client that subscribes to more."""
+FLAGS = {
+    **dict.fromkeys(("1", "true", "yes", "on", "enable"), True),
+    **dict.fromkeys(("0", "false", "no", "off", "disable"), False),
+}
+"""Words for a boolean, as Home Assistant reads them."""
 UNKNOWN = "unknown"
 _NOT_OF_ENTITIES = re.compile(r"[^a-z0-9_]")
 _NOT_OF_TOPICS = re.compile(
@@ -79,17 +88,19 @@ class AnnouncedLight:
         """Name of the entity: the same as long as the light has the same `unique_id`."""
         self.name = one_line(name_of(config.fields) or config.key, MAX_TEXT)
         device = mapping(config.fields.get("device"))
-        self.area = text(device.get("suggested_area"))
+        self.area = label(device.get("suggested_area"))
         self._is_group = text(device.get("model")) == "Group"  # of Zigbee2MQTT: its lamps may differ
+        if "~" in config.fields:
+            self._topic("~")
         self._command_topic = self._topic("command_topic")
         self._state_topic = self._topic("state_topic")
         if not self._command_topic:
             raise self._refusal("has no `command_topic`")
         if config.fields.get("encoding", "utf-8") != "utf-8":
             raise self._refusal("has an `encoding` other than utf-8")
-        self._retains = config.fields.get("retain") is True
+        self._retains = self._flag("retain")
         self._scale = self._read_scale()
-        self._is_optimistic = config.fields.get("optimistic") is True or not self._state_topic
+        self._is_optimistic = self._flag("optimistic") or not self._state_topic
 
         # What it has reported
         self._is_on: bool | None = None
@@ -205,6 +216,10 @@ class AnnouncedLight:
             self._is_on = None
 
     def _on_level(self, word: str) -> None:
+        """Note a brightness. One that it cannot have is unknown: the last one would be restored wrongly."""
+        if not word:
+            return
+        self._level = None
         try:
             level = float(word)
         except ValueError:
@@ -240,6 +255,9 @@ class AnnouncedLight:
     # Announcements.
 
     def _read_availabilities(self) -> list[Availability]:
+        has_both = self._fields.get("availability") is not None
+        if has_both and self._fields.get("availability_topic") is not None:
+            raise self._refusal("has both an `availability` and an `availability_topic`")
         listed: list[Availability] = []
         for entry in availabilities(self._fields):
             template = self._template("availability", entry.get("value_template"))
@@ -247,9 +265,7 @@ class AnnouncedLight:
             unavailable = _word_of(entry.get("payload_not_available", "offline"))
             if available is None or unavailable is None:
                 raise self._refusal("has an availability without words")
-            topic = text(entry.get("topic"))
-            if _NOT_OF_TOPICS.search(topic):
-                raise self._refusal("has an availability `topic` that is no topic")
+            topic = self._checked_topic(entry.get("topic"), "an availability `topic`")
             listed.append(Availability(topic, template, available, unavailable))
             if len(listed) > MAX_AVAILABILITIES:
                 raise self._refusal(f"has more than {MAX_AVAILABILITIES} topics of availability")
@@ -268,10 +284,28 @@ class AnnouncedLight:
         value = self._fields.get(key)
         if value is None:
             return ""
-        topic = text(value)
-        if not topic or _NOT_OF_TOPICS.search(topic):
-            raise self._refusal(f"has a `{key}` that is no topic")
-        return topic
+        return self._checked_topic(value, f"a `{key}`")
+
+    def _checked_topic(self, value: object, name: str) -> str:
+        if not isinstance(value, str) or not value or _NOT_OF_TOPICS.search(value):
+            raise self._refusal(f"has {name} that is no topic")
+        if len(value) > MAX_TOPIC:
+            raise self._refusal(f"has {name} of {len(value)} characters, limit {MAX_TOPIC}")
+        if value.count("/") > MAX_SLASHES:
+            raise self._refusal(f"has {name} with more than {MAX_SLASHES} slashes")
+        return value
+
+    def _flag(self, key: str) -> bool:
+        """Return the boolean in a field, False if there is none."""
+        value = self._fields.get(key)
+        if value is None:
+            return False
+        flag: bool | None = None
+        if isinstance(value, bool | int | str):
+            flag = FLAGS.get(str(value).lower())
+        if flag is None:
+            raise self._refusal(f"has a `{key}` that is neither true nor false")
+        return flag
 
     def _word(self, key: str, default: str) -> str:
         word = _word_of(self._fields.get(key, default))
@@ -331,11 +365,11 @@ class AnnouncedJsonLight(AnnouncedLight):
         message = mapping(json_value(payload))
         if "state" in message:
             self._is_on = {"ON": True, "OFF": False}.get(str(message["state"]))
-        level = message.get("brightness")
-        if isinstance(level, int | float) and not isinstance(level, bool):
-            self._on_level(str(level))
+        if "brightness" in message:
+            level = message["brightness"]
+            self._on_level(str(level) if isinstance(level, int | float) else UNKNOWN)
         if "effect" in message:
-            self._effect = text(message["effect"])
+            self._effect = label(message["effect"])
 
 
 def light_of(config: LightConfig) -> AnnouncedLight:

@@ -8,9 +8,7 @@ import asyncio
 import contextlib
 import itertools
 import logging
-import math
 from collections.abc import AsyncGenerator, Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
@@ -24,8 +22,8 @@ from pointit.bridges.home_assistant.mqtt.announced_light import (
     MAX_BRIGHTNESS,
     AnnouncedLight,
     LightCommand,
-    light_of,
 )
+from pointit.bridges.home_assistant.mqtt.announced_lights import AnnouncedLights, LightEntry
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.mqtt.broker import (
     client_options,
@@ -36,8 +34,8 @@ from pointit.runtime.mqtt.broker import (
     require_client,
 )
 from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError, RefusedTopicsError
-from pointit.runtime.mqtt.discovery import CONFIG, discovery_topics, light_configs
-from pointit.schemas.text import one_line
+from pointit.runtime.mqtt.discovery import discovery_topics, is_announcement
+from pointit.schemas.text import first_of, one_line
 
 log = logging.getLogger(__name__)
 
@@ -47,23 +45,16 @@ ACK_S = 5.0
 """Time for the broker to acknowledge a command, s."""
 OURS_S = 5.0
 """Time after a command in which a report of the light counts as its answer, s. As in Home Assistant."""
-MAX_LIGHTS = 500
-MAX_TOPICS = 10 * MAX_LIGHTS
-"""Limit of the topics that are read, also of those of lights that have been announced otherwise since."""
+MAX_START_S = 10.0
+"""Time after the subscription from which lights are expected no more, however many still come, s."""
 MAX_PAYLOAD_BYTES = 100_000
-"""Limit of a message. Longer ones are left out."""
-MAX_REFUSAL = 300
-
-
-@dataclass
-class LightEntry:
-    """A light, and the topic on which it announces itself."""
-
-    light: AnnouncedLight
-    topic: str
-    context: str = ""
-    """Context of the last command."""
-    command_s: float = -math.inf
+"""Limit of a message. Longer ones are not read."""
+MAX_UNSUBSCRIBED = 100
+"""Number of topics that are unsubscribed from at once."""
+MAX_SHOWN_TOPIC = 100
+MAX_SHOWN_NAMES = 3
+MAX_LOGGED = 500
+"""Limit of the topics whose sentences are logged."""
 
 
 class BrokerConnection:
@@ -75,20 +66,28 @@ class BrokerConnection:
         self._broker = broker
         self._prefix = prefix
         self._loop = asyncio.get_running_loop()
-        self._entries: dict[str, LightEntry] = {}
-        """Lights by entity."""
-        self._refusals: dict[str, str] = {}
-        """Sentences on lights that cannot be used, by the topic of their announcement."""
+        self._lights = AnnouncedLights(broker, prefix)
         self._subscribed: set[str] = set()
+        """Topics on which lights report, or have reported."""
+        self._unread: dict[str, LightEntry] = {}
+        """Lights whose topics are to be subscribed to, by entity."""
+        self._has_changed = asyncio.Event()
+        """Set when there are topics to subscribe to, or to unsubscribe from."""
+        self._logged: set[str] = set()
+        """Topics whose sentences were logged."""
         self._handlers: list[Callable[[Mapping[str, Any]], None]] = []
         self._announced_s = self._loop.time()
         """Time of the last announcement."""
+        self._begin_s = self._announced_s
+        """Time of the subscription to announcements."""
+        self._has_started = False
+        """The lights that were announced so far are all that is waited for."""
         self._contexts = itertools.count(1)
 
     @property
     def refusals(self) -> Sequence[str]:
         """Return sentences on lights that cannot be used as they are announced."""
-        return sorted(self._refusals.values())
+        return self._lights.refusals
 
     async def request(self, command: str, **fields: Any) -> Any:
         """Return the registry of areas or entities, which has what lights suggest.
@@ -98,7 +97,7 @@ class BrokerConnection:
         """
         del fields
         areas: dict[str, str] = {}
-        for entity, entry in self._entries.items():
+        for entity, entry in self._lights.entries.items():
             if entry.light.area:
                 areas[entity] = entry.light.area
         if command == "config/area_registry/list":
@@ -109,13 +108,21 @@ class BrokerConnection:
 
     async def states(self) -> dict[str, Mapping[str, Any]]:
         """Return the states of all lights, by entity."""
-        return {entity: self._state_of(entry) for entity, entry in self._entries.items()}
+        return {entity: self._state_of(entry) for entity, entry in self._lights.entries.items()}
 
     async def is_starting(self) -> bool:
-        """Return True while retained announcements arrive. Ask lights that are silent afterwards."""
-        if self._loop.time() - self._announced_s < SETTLED_S:
+        """Return True while retained announcements arrive. Ask lights that are silent afterwards.
+
+        Whoever announces without an end delays nobody for long: what comes later is added then.
+        """
+        if self._has_started:
+            return False
+        now_s = self._loop.time()
+        is_settled = now_s - self._announced_s >= SETTLED_S
+        if not is_settled and now_s - self._begin_s < MAX_START_S:
             return True
-        for entry in list(self._entries.values()):
+        self._has_started = True
+        for entry in list(self._lights.entries.values()):
             await self._ask(entry.light)
         return False
 
@@ -127,7 +134,8 @@ class BrokerConnection:
         """
         del event
         self._handlers.append(handler)
-        self._announced_s = self._loop.time()
+        self._begin_s = self._loop.time()
+        self._announced_s = self._begin_s
         with self._lost_connections():
             await self._client.subscribe([(topic, 0) for topic in discovery_topics(self._prefix)])
 
@@ -139,7 +147,7 @@ class BrokerConnection:
                 acknowledge it.
             NoHomeAssistantError: If the connection is lost.
         """
-        entry = self._entries.get(call.entity)
+        entry = self._lights.entries.get(call.entity)
         if entry is None:
             raise ActionRefusedError(f"no lamp on {self._broker} is {call.entity} any more", BROKER_CODE)
         light = entry.light
@@ -171,59 +179,98 @@ class BrokerConnection:
         Raises:
             NoHomeAssistantError: If it is lost.
         """
-        with self._lost_connections():
-            async for message in self._client.messages:
-                topic = message.topic.value
-                payload = message.payload
-                if not isinstance(payload, bytes) or len(payload) > MAX_PAYLOAD_BYTES:
-                    continue
-                if topic in self._subscribed:
-                    self._on_report(topic, payload)
-                if topic.endswith(CONFIG):  # also if a light names it as its own: it would hide another
-                    await self._on_announcement(topic, payload, is_retained=message.retain)
+        # Reading waits for no acknowledgement: while it did, a busy light could hide the messages of others
+        reading = asyncio.create_task(self._read_messages(), name="messages of the broker")
+        following = asyncio.create_task(self._follow_topics(), name="topics of lights")
+        tasks = (reading, following)
+        try:
+            with self._lost_connections():
+                await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+                await (reading if reading.done() else following)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
         raise NoHomeAssistantError(f"the connection to {self._broker} is lost: wait")
 
+    async def _read_messages(self) -> None:
+        async for message in self._client.messages:
+            topic = message.topic.value
+            payload = message.payload
+            if not isinstance(payload, bytes):
+                continue
+            if len(payload) > MAX_PAYLOAD_BYTES:
+                self._refuse_long_message(topic, len(payload))
+                continue
+            if topic in self._subscribed:
+                self._on_report(topic, payload)
+            if is_announcement(
+                topic, self._prefix
+            ):  # also if a light names it as its own: it would hide another
+                self._on_announcement(topic, payload)
+
+    def _refuse_long_message(self, topic: str, size: int) -> None:
+        subject = "the announcement"
+        if not is_announcement(topic, self._prefix):
+            reporting = [entry for entry in self._lights.entries.values() if topic in entry.topics]
+            names = first_of([entry.light.name for entry in reporting], MAX_SHOWN_NAMES)
+            subject = f"a report of {names}"
+        shown_topic = one_line(topic, MAX_SHOWN_TOPIC)
+        sentence = f"{subject} on {shown_topic} cannot be used: {size} bytes, limit {MAX_PAYLOAD_BYTES}"
+        self._lights.clear_refusals(topic)
+        self._lights.refuse(topic, sentence)
+        self._log_refusals(topic)
+
+    def _log_refusals(self, topic: str) -> None:
+        """Log why messages of `topic` cannot be used, once: whoever repeats them fills no log."""
+        sentences = self._lights.refusals_of(topic)
+        if not sentences or topic in self._logged:
+            return
+        if len(self._logged) >= MAX_LOGGED:
+            return
+        self._logged.add(topic)
+        for sentence in sentences:
+            log.warning("%s", sentence)
+
     def _on_report(self, topic: str, payload: bytes) -> None:
-        for entry in self._entries.values():
-            if topic in entry.light.topics:
+        self._lights.clear_refusals(topic)
+        for entry in self._lights.entries.values():
+            if topic in entry.topics:
                 before = self._state_of(entry)
                 entry.light.on_message(topic, payload)
                 self._tell_change(entry, before)
 
-    async def _on_announcement(self, topic: str, payload: bytes, *, is_retained: bool) -> None:
+    def _on_announcement(self, topic: str, payload: bytes) -> None:
         """Add the lights that a message announces, in place of those that it announced before."""
         self._announced_s = self._loop.time()
-        self._refusals.pop(topic, None)
-        lights: dict[str, AnnouncedLight] = {}
-        for config in light_configs(topic, payload, self._prefix):
-            try:
-                light = light_of(config)
-            except RefusedError as error:
-                if len(self._refusals) < MAX_LIGHTS:
-                    self._refusals[topic] = one_line(str(error), MAX_REFUSAL)
-                continue
-            lights[light.entity] = light
+        change = self._lights.on_announcement(topic, payload)
+        self._log_refusals(topic)
+        for entity in change.removed:
+            self._unread.pop(entity, None)
+            self._tell({"entity_id": entity, "new_state": None})
+        for entry in change.entries:
+            self._unread[entry.light.entity] = entry
+            self._tell({"entity_id": entry.light.entity, "new_state": self._state_of(entry)})
+        if change.removed or change.entries:
+            self._has_changed.set()
 
-        # Lights that are announced no more
-        for entity, entry in list(self._entries.items()):
-            if entry.topic == topic and entity not in lights:
-                del self._entries[entity]
-                self._tell({"entity_id": entity, "new_state": None})
+    async def _follow_topics(self) -> None:
+        """Subscribe to the topics of lights that are new or have changed, one light after the other.
 
-        # What is announced once more without a change keeps what it has reported
-        for entity, light in lights.items():
-            entry = self._entries.get(entity)
-            if entry is not None and entry.light.config == light.config:
-                continue
-            if entry is None and len(self._entries) >= MAX_LIGHTS:
-                log.warning("%s: more than %d lights, %s is left out", self._broker, MAX_LIGHTS, light.name)
-                continue
-            entry = LightEntry(light, topic)
-            self._entries[entity] = entry
-            self._tell({"entity_id": entity, "new_state": self._state_of(entry)})
-            await self._subscribe_to(light)  # retained states come again, also those that were read before
-            if not is_retained:
-                await self._ask(light)
+        Topics of former lights, and of former announcements, are unsubscribed from: their number is limited
+        by that of the lights.
+        """
+        while True:
+            await self._has_changed.wait()
+            self._has_changed.clear()
+            while self._unread:
+                entity = next(iter(self._unread))
+                entry = self._unread.pop(entity)
+                await self._subscribe_to(entry)
+                await self._unsubscribe()
+                if self._has_started:
+                    await self._ask(entry.light)
+            await self._unsubscribe()
 
     async def _ask(self, light: AnnouncedLight) -> None:
         """Ask a light that has not reported whether it is on, if it can be asked."""
@@ -232,17 +279,24 @@ class BrokerConnection:
         with contextlib.suppress(RefusedError):
             await self._publish(light.request, light.name)
 
-    async def _subscribe_to(self, light: AnnouncedLight) -> None:
-        topics = sorted(light.topics)
+    async def _subscribe_to(self, entry: LightEntry) -> None:
+        """Subscribe to the topics of a light. Retained states come again, also those that were read."""
+        topics = sorted(entry.topics)
         if not topics:
-            return
-        if len(self._subscribed.union(topics)) > MAX_TOPICS:
-            log.warning("%s: more than %d topics, %s is not read", self._broker, MAX_TOPICS, light.name)
             return
         self._subscribed.update(topics)
         problem = await self._client.subscribe([(topic, 0) for topic in topics], optional=topics)
         if problem:
-            log.warning("%s: %s", light.name, problem)
+            self._lights.refuse(entry.topic, f"{entry.light.name} reports nothing: {problem}")
+            self._log_refusals(entry.topic)
+
+    async def _unsubscribe(self) -> None:
+        """Unsubscribe from topics on which no light reports any more."""
+        unused = sorted(self._subscribed - self._lights.topics)
+        for start in range(0, len(unused), MAX_UNSUBSCRIBED):
+            topics = unused[start : start + MAX_UNSUBSCRIBED]
+            await self._client.unsubscribe(topics)
+            self._subscribed.difference_update(topics)
 
     async def _publish(self, command: LightCommand, name: str) -> None:
         """Publish a command to the light `name`. Raises as `call`."""

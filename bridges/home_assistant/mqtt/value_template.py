@@ -28,7 +28,9 @@ class ValueTemplate:
         """Return the template of a text, the message itself for None. Raises ValueError: another form."""
         if template is None:
             return cls()
-        match = _TEMPLATE.fullmatch(str(template))
+        if not isinstance(template, str):
+            raise ValueError("not a text")  # noqa: TRY004 - any other form is one
+        match = _TEMPLATE.fullmatch(template)
         if match is None:
             raise ValueError(f"not one value: {template}")
         if match[1] == "value":

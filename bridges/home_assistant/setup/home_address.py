@@ -67,8 +67,8 @@ class HomeAddress:
         """
         url = _checked_url(text)
         trial = self._progress.state.trial
-        if trial is not None and trial.url == url and not secret:
-            secret = trial.secret
+        if trial is not None and trial.url == url:
+            secret = secret or trial.secret
 
         # The stored secret belongs to the first address to which it is sent
         written_ns = self._files.secret_written_ns(url)
@@ -121,10 +121,12 @@ class HomeAddress:
         """
         state = self._progress.state
         trial = state.trial
+        if trial is None or trial != self._attempt:
+            return ""
         working = state.url
         if not working and state.has_home:
             working = self._given_address
-        if trial is None or trial != self._attempt or not working:
+        if not working:
             return ""
         self._progress.end_trial()
         self._has_failed = True

@@ -270,10 +270,12 @@ class SetupProgress:
             RefusedError: If it was given for another address: nobody gets it but whom it was given for.
         """
         used = self.state.secrets.get(name)
-        if used is not None and used.written_ns == written_ns and used.url != url:
-            raise RefusedError(
-                f"the stored token or password is that of {used.url}: give that of the new address, too"
-            )
+        if used is not None:
+            is_unwritten = used.written_ns == written_ns
+            if is_unwritten and used.url != url:
+                raise RefusedError(
+                    f"the stored token or password is that of {used.url}: give that of the new address, too"
+                )
         secret = UsedSecret(url=url, written_ns=written_ns)
         self._change(secrets={**self.state.secrets, name: secret})
 

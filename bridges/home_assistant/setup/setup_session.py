@@ -309,7 +309,10 @@ class SetupSession:
         pose_yaw_rad = 0.0
         if progress.pose is not None:
             pose_m, pose_yaw_rad = progress.pose
-        shown_advice = tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice[:MAX_ADVICE])
+        if len(advice) > MAX_ADVICE:
+            left_out = len(advice) - MAX_ADVICE + 1
+            advice[MAX_ADVICE - 1 :] = [f"there are {left_out} more such sentences: deal with these first"]
+        shown_advice = tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice)
         return HomeSetup(
             step=state.step,
             url=self.address.url,

@@ -46,7 +46,9 @@ ABBREVIATIONS = {
 CONFIG = "/config"
 """End of the topic of an announcement."""
 MAX_TEXT = 200
-"""Characters of a name or topic. Longer ones are left out."""
+"""Characters of a name. Longer ones are cut, and other texts are left out."""
+MAX_TOPIC = 1000
+"""Characters of a topic. MQTT has more, but one message could repeat a long base topic hundreds of times."""
 
 
 class LightConfig(NamedTuple):
@@ -61,17 +63,20 @@ def discovery_topics(prefix: str) -> tuple[str, ...]:
     return f"{prefix}/light/#", f"{prefix}/device/#"
 
 
+def is_announcement(topic: str, prefix: str) -> bool:
+    """Return True for a topic on which a light or a device announces itself."""
+    return topic.endswith(CONFIG) and topic.startswith((f"{prefix}/light/", f"{prefix}/device/"))
+
+
 def light_configs(topic: str, payload: object, prefix: str) -> list[LightConfig]:
     """Return the lights that a message announces. None for any other message."""
     value = json_value(payload)
-    if not topic.endswith(CONFIG) or not isinstance(value, dict):
+    if not is_announcement(topic, prefix) or not isinstance(value, dict):
         return []
     fields = _full_names(cast("dict[str, Any]", value))
     name = topic.removesuffix(CONFIG)
     if topic.startswith(f"{prefix}/light/"):
         return [_light_config(name.removeprefix(f"{prefix}/light/"), fields)]
-    if not topic.startswith(f"{prefix}/device/"):
-        return []
 
     # Components of a device share its fields
     lights: list[LightConfig] = []
@@ -86,21 +91,23 @@ def light_configs(topic: str, payload: object, prefix: str) -> list[LightConfig]
 def name_of(fields: Mapping[str, Any]) -> str:
     """Return the name of a light: its own, else that of its device, else `""`."""
     device = mapping(fields.get("device"))
-    return text(fields.get("name")) or text(device.get("name"))
+    return label(fields.get("name")) or label(device.get("name"))
 
 
 def availabilities(fields: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """Yield the entries of a light's availability: `topic`, words, and `value_template`."""
-    own_topic = text(fields.get("availability_topic"))
-    if own_topic:
+    """Yield the entries of a light's availability: `topic`, words, and `value_template`.
+
+    They are as they were announced, so that they may lack a topic, or have anything else as one.
+    """
+    own_topic = fields.get("availability_topic")
+    if own_topic is not None:
         template = fields.get("availability_template")
         yield {**fields, "topic": own_topic, "value_template": template}
-        return
     listed = fields.get("availability")
-    for item in items(listed) or [listed]:
-        entry = mapping(item)
-        if text(entry.get("topic")):
-            yield entry
+    if isinstance(listed, list):
+        yield from map(mapping, items(listed))
+    elif listed is not None:
+        yield mapping(listed)
 
 
 def json_value(payload: object) -> object:
@@ -123,6 +130,18 @@ def text(value: object) -> str:
     return value
 
 
+def label(value: object) -> str:
+    """Return the begin of a text, `""` for anything else."""
+    return value[:MAX_TEXT] if isinstance(value, str) else ""
+
+
+def topic_text(value: object) -> str:
+    """Return a text that may be a topic, `""` for anything else."""
+    if not isinstance(value, str) or len(value) > MAX_TOPIC:
+        return ""
+    return value
+
+
 def mapping(value: object) -> dict[str, Any]:
     """Return an object of JSON, an empty one for anything else."""
     return cast("dict[str, Any]", value) if isinstance(value, dict) else {}
@@ -135,7 +154,7 @@ def items(value: object) -> list[object]:
 
 def _light_config(name: str, fields: Mapping[str, Any]) -> LightConfig:
     key = text(fields.get("unique_id")) or name
-    base = text(fields.get("~"))
+    base = topic_text(fields.get("~"))
     if base:
         fields = _with_base(fields, base)
     return LightConfig(key, fields)
@@ -174,11 +193,13 @@ def _with_base_topics(fields: Mapping[str, Any], base: str) -> dict[str, Any]:
     for key, value in fields.items():
         full[key] = value
         if key == "topic" or key.endswith("_topic"):
-            full[key] = _with_base_topic(text(value), base)
+            full[key] = _with_base_topic(value, base)
     return full
 
 
-def _with_base_topic(topic: str, base: str) -> str:
+def _with_base_topic(topic: object, base: str) -> object:
+    if not isinstance(topic, str):
+        return topic
     if topic.startswith("~"):
         return base + topic[1:]
     if topic.endswith("~"):

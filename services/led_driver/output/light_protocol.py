@@ -13,6 +13,7 @@ from pointit.runtime.mqtt.discovery import (
     mapping,
     name_of,
     text,
+    topic_text,
 )
 from pointit.schemas.base import Rgb
 
@@ -110,7 +111,7 @@ def _zigbee_lights(base: str, devices: object) -> Iterator[DiscoveredLight]:
 
 def _light(config: Mapping[str, Any]) -> Iterator[DiscoveredLight]:
     """Yield the light of `config`, if it takes JSON."""
-    topic = text(config.get("command_topic"))
+    topic = topic_text(config.get("command_topic"))
     if config.get("schema") != "json" or not topic:
         return
     name = name_of(config) or topic
@@ -118,8 +119,9 @@ def _light(config: Mapping[str, Any]) -> Iterator[DiscoveredLight]:
     # Availability: by a topic of the light itself, or by the last one of a list
     entry: Mapping[str, Any] = {}
     for listed in availabilities(config):
-        entry = listed
-    availability = text(entry.get("topic"))
+        if topic_text(listed.get("topic")):
+            entry = listed
+    availability = topic_text(entry.get("topic"))
     online = text(entry.get(WORDS["online"]))
     offline = text(entry.get(WORDS["offline"]))
     modes = {text(mode) for mode in items(config.get("supported_color_modes"))}

@@ -193,11 +193,65 @@ def test_light_without_state_topic_is_as_it_was_switched() -> None:
         ({"on_command_type": "brightness"}, "brightness without a topic"),
         ({"encoding": ""}, "`encoding`"),
         ({"brightness_scale": 0}, "`brightness_scale`"),
+        ({"availability_topic": "u" * 1001}, "availability `topic` of 1001 characters, limit 1000"),
+        ({"availability": [{"topic": "u" * 1001}]}, "availability `topic` of 1001 characters, limit 1000"),
+        ({"availability": [{"payload_available": "on"}]}, "availability `topic` that is no topic"),
+        ({"availability": "lamp/up"}, "availability `topic` that is no topic"),
+        ({"availability_topic": 7}, "availability `topic` that is no topic"),
+        ({"availability_topic": "up", "availability": []}, "both an `availability` and an"),
+        ({"command_topic": "c" * 1001}, "`command_topic` of 1001 characters, limit 1000"),
+        ({"state_topic": "s/" * 201}, "`state_topic` with more than 200 slashes"),
+        ({"~": "b" * 1001, "state_topic": "~/state"}, "`~` of 1001 characters, limit 1000"),
+        ({"~": "b" * 600, "state_topic": "~/" + "s" * 600}, "`state_topic` of 1201 characters"),
+        ({"~": 7}, "`~` that is no topic"),
+        ({"retain": "often"}, "`retain` that is neither true nor false"),
+        ({"optimistic": []}, "`optimistic` that is neither true nor false"),
     ],
 )
 def test_light_that_cannot_be_used_is_refused_by_name(fields: dict[str, Any], reason: str) -> None:
     with pytest.raises(RefusedError, match=f"Lamp cannot be used: .*{reason}"):
         light(**fields)
+
+
+def test_long_topics_of_availability_are_followed() -> None:
+    topic = "house/" + "u" * 900
+    lamp = light(state_topic="lamp", availability_topic=topic)
+    assert lamp.state["state"] == "unavailable"
+    lamp.on_message(topic, b"online")
+    assert lamp.state["state"] == "unknown"
+
+
+@pytest.mark.parametrize("word", [True, "true", "On", 1])
+def test_booleans_are_read_as_home_assistant_reads_them(word: object) -> None:
+    lamp = light(state_topic="lamp", retain=word, optimistic=word)
+    assert lamp.commands(is_on=True) == [LightCommand("lamp/set", "ON", retain=True)]
+    assert lamp.assume(is_on=True)
+    assert not light(state_topic="lamp", optimistic="off").assume(is_on=True)
+
+
+def test_long_names_and_effects_are_cut_and_not_left_out() -> None:
+    lamp = light(
+        name="Lamp " * 100, schema="json", state_topic="lamp", device={"name": "Hub", "sa": "Attic " * 100}
+    )
+    assert lamp.name.startswith("Lamp Lamp")
+    assert lamp.area.startswith("Attic")
+    lamp.on_message("lamp", json.dumps({"state": "ON", "effect": "e" * 300}).encode())
+    assert lamp.state["attributes"]["effect"] == "e" * 200, "else it would hover, which ends the effect"
+
+
+@pytest.mark.parametrize("level", ["300", "-1", "bright", "null"])
+def test_brightness_that_cannot_be_is_unknown_and_not_the_last_one(level: str) -> None:
+    lamp = light(state_topic="lamp", brightness_command_topic="set", brightness_state_topic="level")
+    json_lamp = light(schema="json", state_topic="lamp")
+    lamp.on_message("lamp", b"ON")
+    lamp.on_message("level", b"100")
+    json_lamp.on_message("lamp", b'{"state": "ON", "brightness": 100}')
+    assert lamp.state["attributes"]["brightness"] == json_lamp.state["attributes"]["brightness"] == 100
+
+    lamp.on_message("level", level.encode())
+    json_lamp.on_message("lamp", b'{"brightness": %s}' % (level if level != "bright" else '"b"').encode())
+    assert "brightness" not in lamp.state["attributes"]
+    assert "brightness" not in json_lamp.state["attributes"]
 
 
 def test_light_whose_template_is_a_program_is_refused() -> None:
@@ -253,6 +307,8 @@ HOSTILE = [
     b'{"command_topic": "a", "device": ' + b'{"device": ' * 900 + b"1" + b"}" * 900 + b"}",
     b'{"command_topic": "a", "availability": ' + b'{"availability": ' * 900 + b"1" + b"}" * 900 + b"}",
     b'{"~": "b", "command_topic": "~", "availability": ' + b"[" * 900 + b"]" * 900 + b"}",
+    b'{"command_topic": "a", "value_template": ' + b"[" * 950 + b"]" * 950 + b"}",
+    b'{"command_topic": "a", "retain": ' + b"[" * 950 + b"]" * 950 + b"}",
     b"\xff\xfe{}",
 ]
 """Announcements of a writer who wants to stop the service."""

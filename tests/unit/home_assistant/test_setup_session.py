@@ -11,6 +11,7 @@ import pytest
 
 from pointit.bridges.home_assistant import service
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection
 from pointit.bridges.home_assistant.home_connection import NoHomeAssistantError
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles
 from pointit.runtime.errors import RefusedError
@@ -347,6 +348,21 @@ async def test_address_in_the_parameters_stays_there(tmp_path: Path, monkeypatch
         await asyncio.sleep(10.0)
         assert "is used as before" in (await shown.act()).problem
     assert files.site.read_text() == written
+
+
+async def test_sentences_beyond_the_limit_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_token(tmp_path)
+    sentences = [f"lamp {number} cannot be used" for number in range(30)]
+    monkeypatch.setattr(HomeAssistantConnection, "refusals", sentences)
+    async with cards(home_of_two(), tmp_path, monkeypatch) as (_bench, shown):
+        await shown.act("connect", url=HOME_URL)
+        advice = (await shown.until("choose")).advice
+        assert (len(advice), advice[-1]) == (
+            20,
+            "there are 11 more such sentences: deal with these first",
+        )
 
 
 async def test_press_without_movement_says_what_to_do(

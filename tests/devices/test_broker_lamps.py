@@ -91,9 +91,9 @@ class Devices:
 
 
 @contextlib.asynccontextmanager
-async def devices_on(port: int) -> AsyncGenerator[Devices]:
+async def devices_on(port: int, **login: str) -> AsyncGenerator[Devices]:
     await until(lambda: is_listening(port), what="the broker")
-    async with aiomqtt.Client("127.0.0.1", port) as client:
+    async with aiomqtt.Client("127.0.0.1", port, **login) as client:
         devices = Devices(client)
         filters = [f"{ZIGBEE_STATE}/set", f"{ZIGBEE_STATE}/get", "desk/cmnd/#", "cmnd/#"]
         await client.subscribe([(each, 1) for each in filters])

@@ -1,7 +1,8 @@
 """Lights that announce themselves on one broker, by entity, and sentences on those that are left out. Pure.
 
 One device cannot keep another's lights out by many announcements: each has a limit of its own. The first
-announcement of a `unique_id` counts, as in Home Assistant.
+announcement of a `unique_id` counts, as in Home Assistant. A client that announces in the name of many
+devices, or of another one, is a matter of the broker's access list: MQTT does not tell who sent a message.
 """
 
 import json

@@ -71,8 +71,10 @@ class BrokerConnection:
         """Topics on which lights report, or have reported."""
         self._unread: dict[str, LightEntry] = {}
         """Lights whose topics are to be subscribed to, by entity."""
+        self._silent: dict[str, LightEntry] = {}
+        """Lights that are to be asked unless they have reported, by entity."""
         self._has_changed = asyncio.Event()
-        """Set when there are topics to subscribe to, or to unsubscribe from."""
+        """Set when there are topics to subscribe to or to unsubscribe from, or lights to ask."""
         self._logged: set[str] = set()
         """Topics whose sentences were logged."""
         self._handlers: list[Callable[[Mapping[str, Any]], None]] = []
@@ -111,9 +113,9 @@ class BrokerConnection:
         return {entity: self._state_of(entry) for entity, entry in self._lights.entries.items()}
 
     async def is_starting(self) -> bool:
-        """Return True while retained announcements arrive. Ask lights that are silent afterwards.
+        """Return True while retained announcements arrive. Silent lights are asked afterwards.
 
-        Whoever announces without an end delays nobody for long: what comes later is added then.
+        A device that announces without an end delays others by `MAX_START_S`. Later lights are added.
         """
         if self._has_started:
             return False
@@ -122,8 +124,8 @@ class BrokerConnection:
         if not is_settled and now_s - self._begin_s < MAX_START_S:
             return True
         self._has_started = True
-        for entry in list(self._lights.entries.values()):
-            await self._ask(entry.light)
+        self._silent.update(self._lights.entries)
+        self._has_changed.set()
         return False
 
     async def subscribe(self, event: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
@@ -222,7 +224,7 @@ class BrokerConnection:
         self._log_refusals(topic)
 
     def _log_refusals(self, topic: str) -> None:
-        """Log why messages of `topic` cannot be used, once: whoever repeats them fills no log."""
+        """Log why messages of `topic` cannot be used, once: a device that repeats them fills no log."""
         sentences = self._lights.refusals_of(topic)
         if not sentences or topic in self._logged:
             return
@@ -247,6 +249,7 @@ class BrokerConnection:
         self._log_refusals(topic)
         for entity in change.removed:
             self._unread.pop(entity, None)
+            self._silent.pop(entity, None)
             self._tell({"entity_id": entity, "new_state": None})
         for entry in change.entries:
             self._unread[entry.light.entity] = entry
@@ -255,7 +258,7 @@ class BrokerConnection:
             self._has_changed.set()
 
     async def _follow_topics(self) -> None:
-        """Subscribe to the topics of lights that are new or have changed, one light after the other.
+        """Subscribe to the topics of lights that are new or have changed, and ask those that are silent.
 
         Topics of former lights, and of former announcements, are unsubscribed from: their number is limited
         by that of the lights.
@@ -263,14 +266,23 @@ class BrokerConnection:
         while True:
             await self._has_changed.wait()
             self._has_changed.clear()
-            while self._unread:
-                entity = next(iter(self._unread))
-                entry = self._unread.pop(entity)
-                await self._subscribe_to(entry)
-                await self._unsubscribe()
-                if self._has_started:
-                    await self._ask(entry.light)
+            while self._unread or self._silent:
+                await self._follow_next_light()
             await self._unsubscribe()
+
+    async def _follow_next_light(self) -> None:
+        """Subscribe for one light, and ask one: each in its turn, however often another one changes."""
+        if self._unread:
+            entity = next(iter(self._unread))
+            entry = self._unread.pop(entity)
+            await self._subscribe_to(entry)
+            await self._unsubscribe()
+            if self._has_started:
+                self._silent[entity] = entry
+        if self._silent:
+            entity = next(iter(self._silent))
+            entry = self._silent.pop(entity)
+            await self._ask(entry.light)
 
     async def _ask(self, light: AnnouncedLight) -> None:
         """Ask a light that has not reported whether it is on, if it can be asked."""

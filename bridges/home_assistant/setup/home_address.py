@@ -9,9 +9,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from pointit.bridges.home_assistant.config import FORM, HomeAssistantConfig
-from pointit.bridges.home_assistant.setup.home_files import HomeFiles
+from pointit.bridges.home_assistant.setup.home_files import HomeFiles, needs_secret
 from pointit.bridges.home_assistant.setup.progress import AddressTrial, SetupProgress, UsedSecret
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
 
 
@@ -63,9 +63,13 @@ class HomeAddress:
         """Try an address. `secret` as in `SetUpHome`.
 
         Raises:
-            RefusedError: If it is no address, or the stored secret belongs to another one.
+            RefusedError: If it is no address, needs no secret, or the stored one belongs to another address.
         """
         url = _checked_url(text)
+        if secret and not needs_secret(url):
+            raise RefusedError(
+                "a password needs a user name: write mqtt://USER@HOST, or leave the password out"
+            )
         trial = self._progress.state.trial
         if trial is not None and trial.url == url:
             secret = secret or trial.secret
@@ -90,6 +94,9 @@ class HomeAddress:
         """Note that the address in use is accepted: one that was tried is the working one from now on.
 
         Once the state is stored, `write` makes the files follow.
+
+        Raises:
+            ConfigError: If its token or password has been removed meanwhile.
         """
         trial = self._progress.state.trial
         if trial is None:
@@ -103,7 +110,7 @@ class HomeAddress:
         used: UsedSecret | None = None
         if trial.secret:
             name = self._files.secret_of(trial.url).name
-            written_ns = self._files.secret_of_trial(trial).stat().st_mtime_ns
+            written_ns = _written_ns(self._files.secret_of_trial(trial))
             used = UsedSecret(url=trial.url, written_ns=written_ns, replacement=trial.secret)
         self._progress.accept_trial(name, used)
 
@@ -139,6 +146,13 @@ class HomeAddress:
             if used.replacement:
                 self._files.replace_secret(name, used.replacement)
                 self._progress.on_replaced(name)
+
+
+def _written_ns(secret: Path) -> int:
+    try:
+        return secret.stat().st_mtime_ns
+    except OSError as error:
+        raise ConfigError(f"{secret}: cannot be read ({error.strerror or error}); connect again") from error
 
 
 def _config_with(config: HomeAssistantConfig, url: str, secret: Path) -> HomeAssistantConfig:

@@ -1,5 +1,6 @@
 """Files of a home in the folder of `pointit home`: its map, its parameters, its token, its state."""
 
+import contextlib
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -117,27 +118,34 @@ class HomeFiles:
 
     def remove_new_secret(self, name: str) -> None:
         """Remove the file of a token or password that was not accepted, if it is there."""
-        if name:
+        if not name:
+            return
+        # A folder that cannot be changed stops nobody: the next start tries again
+        with contextlib.suppress(OSError):
             self._new_secret(name).unlink(missing_ok=True)
 
     def remove_new_secrets(self, *, except_for: str) -> None:
         """Remove all files of tokens and passwords that were not accepted, except for one."""
         for path in self._folder.glob(f"*{NEW_SECRET}"):
-            if path.name != f"{except_for}{NEW_SECRET}":
-                path.unlink(missing_ok=True)
+            if path.stem != except_for:
+                self.remove_new_secret(path.stem)
 
     def _new_secret(self, name: str) -> Path:
         return self._folder / f"{name}{NEW_SECRET}"
 
     def secret_written_ns(self, url: str) -> int | None:
         """Return the time at which the secret of `url` was written, ns, or None if it needs or has none."""
-        needs_secret = "@" in url or not is_broker_url(url)
-        if not needs_secret:
+        if not needs_secret(url):
             return None
         try:
             return self.secret_of(url).stat().st_mtime_ns
         except OSError:
             return None
+
+
+def needs_secret(url: str) -> bool:
+    """Return True for the address of a Home Assistant, or of a broker with a user name."""
+    return "@" in url or not is_broker_url(url)
 
 
 def with_home_assistant(text: str, url: str, secret_file: Path) -> str:
@@ -155,7 +163,7 @@ def with_home_assistant(text: str, url: str, secret_file: Path) -> str:
     path_text = json.dumps(str(secret_file))
     if not is_broker_url(url):
         return f"{rest}home_assistant: {{url: {url_text}, token_file: {path_text}}}\n"
-    if "@" not in url:
+    if not needs_secret(url):
         return f"{rest}home_assistant: {{broker: {url_text}}}\n"
     return f"{rest}home_assistant: {{broker: {url_text}, password_file: {path_text}}}\n"
 

@@ -9,7 +9,7 @@ from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.setup.home_address import HomeAddress
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles
 from pointit.bridges.home_assistant.setup.progress import SetupProgress
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import SetUpHome
 
 URL = "http://home.local:8123"
@@ -118,6 +118,25 @@ def test_working_address_needs_no_secret_once_more(tmp_path: Path) -> None:
     assert used_token(home) == (URL, "first")
     with pytest.raises(RefusedError, match=f"is that of {URL}"):
         home.connect(OTHER_URL, "")
+
+
+def test_password_that_nobody_would_check_is_refused(tmp_path: Path) -> None:
+    home = home_in(tmp_path)
+    with pytest.raises(RefusedError, match="a password needs a user name"):
+        home.connect("mqtt://hub", give(tmp_path, "open sesame"))
+    assert home.url == ""
+
+
+def test_secret_that_was_removed_is_not_accepted(tmp_path: Path) -> None:
+    home = home_in(tmp_path)
+    accept(home, tmp_path, URL, "first")
+    home.write()
+    home.connect(OTHER_URL, give(tmp_path, "second"))
+    home.config_of(CONFIG)
+    (tmp_path / NEW_FILE).unlink()
+    with pytest.raises(ConfigError, match="connect again"):
+        home.accept()
+    assert home.end_trial() == URL
 
 
 @pytest.mark.parametrize("name", ["../other", f"{NEW}\n", "a/b", "."])

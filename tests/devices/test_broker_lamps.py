@@ -91,7 +91,7 @@ class Devices:
 
 
 @contextlib.asynccontextmanager
-async def devices_on(port: int, **login: str) -> AsyncGenerator[Devices]:
+async def devices_on(port: int, **login: Any) -> AsyncGenerator[Devices]:
     await until(lambda: is_listening(port), what="the broker")
     async with aiomqtt.Client("127.0.0.1", port, **login) as client:
         devices = Devices(client)

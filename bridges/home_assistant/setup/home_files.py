@@ -22,6 +22,7 @@ from pointit.maps.file import parse_map_file
 from pointit.maps.light_files.strip_fit import free_name
 from pointit.maps.model import MAX_LABEL, MapFile
 from pointit.maps.things import things_of
+from pointit.runtime.config.yaml_file import parse_yaml
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
 from pointit.runtime.mqtt.broker_config import is_broker_url
@@ -151,21 +152,35 @@ def needs_secret(url: str) -> bool:
 def with_home_assistant(text: str, url: str, secret_file: Path) -> str:
     """Return the parameters in `text` with a Home Assistant or broker, or without one if `url` is empty.
 
-    `secret_file` has the token or the password. A broker without a user name asks for none.
+    `secret_file` has the token or the password. A broker without a user name asks for none. If they are
+    there, all stays: the section may have other parameters, which people have written.
     """
+    values = {"url": url, "token_file": str(secret_file)}
+    if is_broker_url(url):
+        values = {"broker": url}
+        if needs_secret(url):
+            values["password_file"] = str(secret_file)
+    if url and _has_values(text, values):
+        return text
+
     rest = SECTION.sub("", text)
     if not url:
         return rest
     if rest and not rest.endswith("\n"):
         rest += "\n"
     # the texts of JSON are those of YAML, too
-    url_text = json.dumps(url)
-    path_text = json.dumps(str(secret_file))
-    if not is_broker_url(url):
-        return f"{rest}home_assistant: {{url: {url_text}, token_file: {path_text}}}\n"
-    if not needs_secret(url):
-        return f"{rest}home_assistant: {{broker: {url_text}}}\n"
-    return f"{rest}home_assistant: {{broker: {url_text}, password_file: {path_text}}}\n"
+    fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in values.items())
+    return f"{rest}home_assistant: {{{fields}}}\n"
+
+
+def _has_values(text: str, values: Mapping[str, str]) -> bool:
+    """Return True if the section of the Home Assistant in `text` has `values`."""
+    try:
+        parameters = parse_yaml(text.encode(), SITE)
+    except ConfigError:  # it is empty, for example
+        return False
+    section = parameters.get("home_assistant", parameters.get("home-assistant"))
+    return isinstance(section, dict) and values.items() <= section.items()
 
 
 def draft_map(content: bytes, path: Path) -> bytes:

@@ -129,6 +129,23 @@ def test_parameters_of_other_services_stay() -> None:
     assert changed.startswith("# mine\n")
 
 
+@pytest.mark.parametrize("url", ["http://ha:8123", "mqtt://hub", "mqtts://anna@hub"])
+def test_parameters_in_the_section_of_an_unchanged_address_stay(url: str) -> None:
+    written = with_home_assistant("web: {port: 9000}\n", url, Path("/secret"))
+    first, _, section = written.partition("home_assistant")
+    section = section.replace("}", ", hover: false, actions: [notify.anna]} # mine")
+    text = f"{first}home_assistant{section}"
+    assert yaml.safe_load(text)["home_assistant"]["hover"] is False
+    assert with_home_assistant(text, url, Path("/secret")) == text
+    assert "notify" not in with_home_assistant(text, "http://other", Path("/secret"))
+
+
+@pytest.mark.parametrize("text", ["", "home_assistant: 7\n", "home_assistant: [1]\n", "home_assistant:\n"])
+def test_section_without_parameters_is_replaced(text: str) -> None:
+    data = yaml.safe_load(with_home_assistant(text, "mqtt://hub", Path("/secret")))
+    assert data == {"home_assistant": {"broker": "mqtt://hub"}}
+
+
 def test_confused_names_and_lamps_are_reported() -> None:
     content = b"""
 things:

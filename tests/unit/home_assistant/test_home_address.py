@@ -100,7 +100,6 @@ def test_trial_that_was_replaced_is_neither_accepted_nor_ended(tmp_path: Path) -
     home.write()
     home.connect(OTHER_URL, give(tmp_path, "second"))
     home.config_of(CONFIG)
-    home.without_home()
     home.connect("http://third", give(tmp_path, "third"))
     home.accept()
     assert home.end_trial() == ""
@@ -137,6 +136,14 @@ def test_secret_that_was_removed_is_not_accepted(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="connect again"):
         home.accept()
     assert home.end_trial() == URL
+
+
+def test_secret_of_a_trial_is_removed_when_there_is_no_home(tmp_path: Path) -> None:
+    home = home_in(tmp_path)
+    home.connect(URL, give(tmp_path, "first"))
+    home.without_home()
+    assert not (tmp_path / NEW_FILE).exists()
+    assert home.url == ""
 
 
 @pytest.mark.parametrize("name", ["../other", f"{NEW}\n", "a/b", "."])

@@ -88,6 +88,8 @@ class HomeLamp(SchemaModel):
 class HomeSetup(Reply):
     """The state of the set-up."""
 
+    version: ClassVar[int] = 2
+
     step: HomeStep
     url: Annotated[str, Field(max_length=MAX_URL)] = ""
     has_token: bool = False
@@ -121,3 +123,7 @@ class HomeSetup(Reply):
         Many[Annotated[str, Field(max_length=500)]],
         Field(description="sentences on lamps that cannot be used, and on names that are confused"),
     ] = ()
+    goes_off: Annotated[
+        bool,
+        Field(description="the lamp of the turn was lit without a report of its state: it is off afterwards"),
+    ] = False

@@ -227,6 +227,24 @@ async def test_cards_list_lamps_and_light_the_one_whose_turn_it_is(port: int, tm
         await cards.until(lambda _setup: devices.relay == "OFF")
 
 
+async def test_lamp_that_retains_no_state_is_lit_and_off_afterwards(port: int, tmp_path: Path) -> None:
+    HomeFiles(tmp_path).create()
+    async with devices_on(port) as devices, memory_bench(WallClock()) as bench:
+        async with aiomqtt.Client("127.0.0.1", port) as client:
+            await client.publish("stat/NodeMCU1/RESULT", b"", qos=1, retain=True)
+        cards = await cards_of(bench, tmp_path)
+        await cards.act("connect", url=f"mqtt://127.0.0.1:{port}")
+        await cards.until(lambda setup: len(setup.lamps) == 3)
+        await cards.act("choose", lamps=(RELAY_LIGHT, ZIGBEE_LIGHT))
+        await cards.act("hand", hand="phone", user="anna")
+
+        setup = await cards.until(lambda setup: setup.is_lit)
+        assert (setup.target, setup.goes_off, devices.relay) == (RELAY_LIGHT, True, "ON")
+        await cards.act("skip")
+        await cards.until(lambda _setup: devices.relay == "OFF")
+    assert devices.commands("cmnd/NodeMCU1/POWER1") == ["ON", "OFF"]
+
+
 async def test_cards_log_in_at_a_broker_by_the_file_of_its_password(
     tmp_path: Path,
 ) -> None:

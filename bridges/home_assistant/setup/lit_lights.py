@@ -2,7 +2,8 @@
 
 The rules are those of `hover_feedback`: what a lamp was is stored on disk before it changes, so that it
 returns also after a kill; and a lamp that somebody else sets meanwhile is left as it is. A lamp that was on
-shows its turn by its brightness instead, as a hover.
+shows its turn by its brightness instead, as a hover. One that reports no state cannot be restored: it is lit
+all the same, and is off afterwards.
 """
 
 from collections.abc import Mapping
@@ -16,13 +17,18 @@ from pointit.runtime.host.state_file import StateFile
 
 OFF = "off"
 ON = "on"
+NO_STATE = "unknown"
 
 
 class LitLight(BaseModel):
-    """A lamp that was lit, by a call with a context; `was_seen` on since then."""
+    """A lamp that was lit, by a call with a context; `was_seen` on since then.
+
+    `was_unknown`: it had reported no state before.
+    """
 
     context: str = UNKNOWN
     was_seen: bool = False
+    was_unknown: bool = False
 
 
 class LitLightsFile(BaseModel):
@@ -44,13 +50,25 @@ class LitLights:
         """Return the lamps that are to go off again."""
         return tuple(self._lights)
 
-    def begin(self, entity: str, state: Mapping[str, Any]) -> ServiceCall | None:
-        """Return the call that lights a lamp, or None if it is not off, or is lit. Raises ConfigError."""
+    def was_unknown(self, entity: str) -> bool:
+        """Return True for a lamp that was lit and had reported no state before."""
+        light = self._lights.get(entity)
+        return light is not None and light.was_unknown
+
+    def begin(
+        self, entity: str, state: Mapping[str, Any], *, may_be_unknown: bool = False
+    ) -> ServiceCall | None:
+        """Return the call that lights a lamp, or None if it is not off, or is lit. Raises ConfigError.
+
+        `may_be_unknown`: light also a lamp that reports no state.
+        """
         if not entity.startswith("light.") or entity in self._lights:
             return None
-        if state.get("state") != OFF:
+        reported = state.get("state")
+        is_unknown = may_be_unknown and reported == NO_STATE
+        if reported != OFF and not is_unknown:
             return None
-        self._store(entity, LitLight())
+        self._store(entity, LitLight(was_unknown=is_unknown))
         return ServiceCall(entity, "light", "turn_on")
 
     def on_result(self, entity: str, context: str) -> None:
@@ -92,11 +110,26 @@ class LitLights:
         `is_late`: a lamp that is still off since it was lit will not follow any more.
         """
         light = self._lights.get(entity)
-        if light is None or state.get("state") not in (ON, OFF):
+        if light is None:
+            return None
+        if light.was_unknown and state.get("state") == NO_STATE:
+            return self._end_unknown(entity, is_late=is_late)
+        if state.get("state") not in (ON, OFF):
             return None
         if state.get("state") == OFF:
             if light.was_seen or is_late:
                 self._store(entity, None)
+            return None
+        return ServiceCall(entity, "light", "turn_off")
+
+    def on_ended(self, entity: str, state: Mapping[str, Any]) -> None:
+        """Note that a lamp was told to go off. One that reports no state is left at that."""
+        if self.was_unknown(entity) and state.get("state") == NO_STATE:
+            self._store(entity, None)
+
+    def _end_unknown(self, entity: str, *, is_late: bool) -> ServiceCall | None:
+        if is_late:  # it was told, and that failed
+            self._store(entity, None)
             return None
         return ServiceCall(entity, "light", "turn_off")
 

@@ -16,7 +16,7 @@ from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHom
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_address import HomeAddress
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
-from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
+from pointit.bridges.home_assistant.setup.lit_lights import NO_STATE, LitLights, LitLightsFile
 from pointit.bridges.home_assistant.setup.progress import AGAIN, ChosenLamp, End, SetupProgress
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -39,6 +39,8 @@ SHOWN_S = 2.5
 BLINK_S = 1.0
 """Time for which a lamp that is on is brighter, and then is not, s."""
 TICK_S = 0.25
+NO_REPORT_S = 4.0
+"""Time at its turn after which a lamp that has reported no state is lit without, s."""
 FOLLOW_S = 5.0
 """Time for a lamp to report that it is lit, s."""
 PRESS_RAYS_S = 0.5
@@ -105,6 +107,8 @@ class SetupSession:
         """Lamp that shows which one it is, and until when."""
         self._spot = ""
         """Entity of the lamp that is to be lit."""
+        self._silent_s = -math.inf
+        """Time since which it is to be lit on this connection, and has had no state."""
         self._ended_s: dict[str, float] = {}
         """Time at which the turn of a lit lamp was over."""
         file = site_folder(bus.site, "home-assistant") / "lit_lights.json"
@@ -294,10 +298,12 @@ class SetupSession:
         end: End = ""
         is_aligning = False
         is_lit = False
+        goes_off = False
         if target is not None:
             name, end = target
             is_aligning = progress.is_aligning
             is_lit = self._can_be_lit(name)
+            goes_off = self._lit.was_unknown(name)
 
         # While lamps are placed, the page shows the draft: the map without its things.
         is_placing = state.step == "place"
@@ -329,6 +335,7 @@ class SetupSession:
             may_walk=progress.may_walk,
             can_take_back=is_placing and bool(state.presses),
             is_lit=is_lit,
+            goes_off=goes_off,
             map=str(map_file),
             places_m=state.places_m,
             poses=progress.poses,
@@ -455,6 +462,7 @@ class SetupSession:
         """
         self._connection = connection
         self._entities_s = -math.inf
+        self._spot = ""
         try:
             while not self.address_changed.is_set():
                 await self._light_spot(connection)
@@ -520,13 +528,21 @@ class SetupSession:
 
     async def _light_spot(self, connection: HomeConnection) -> None:
         """Light the lamp whose turn it is, and end the light of those whose turn is over."""
+        now_s = self._loop.time()
         previous_spot = self._spot
         self._spot = self._wanted_spot()
+        state = self._state_of(self._spot)
+        if self._spot != previous_spot or state.get("state") != NO_STATE:
+            self._silent_s = now_s
+
+        # Without a state it cannot be restored: not for a look at the list, nor while it may still report
+        is_turn = now_s >= self._shown[1]
+        may_be_unknown = is_turn and now_s - self._silent_s >= NO_REPORT_S
         for entity in {previous_spot, self._spot} - {""}:
             self._wake(entity)
         try:
             if self._spot:
-                call = self._lit.begin(self._spot, self._state_of(self._spot))
+                call = self._lit.begin(self._spot, state, may_be_unknown=may_be_unknown)
                 if call is not None:
                     context = UNKNOWN
                     with contextlib.suppress(RefusedError, TimeoutError):
@@ -548,6 +564,7 @@ class SetupSession:
         if call is not None:
             with contextlib.suppress(RefusedError, TimeoutError):
                 await connection.call(call)
+                self._lit.on_ended(entity, self._state_of(entity))
         if entity not in self._lit.entities:
             self._ended_s.pop(entity, None)
 

@@ -38,6 +38,15 @@ def home_of_two() -> MemoryHome:
     )
 
 
+HALL = "light.hall"
+HOME_URL = "http://home.local:8123"
+
+
+def home_of_silent() -> MemoryHome:
+    """Return a home with a lamp that reports its state only when it changes."""
+    return MemoryHome({HALL: ("unknown", {}), DOOR: ("off", {})})
+
+
 class Cards:
     """The cards of a page."""
 
@@ -196,6 +205,100 @@ async def test_lamp_that_was_lit_before_a_kill_goes_off(
         await until(lambda: home.states[DOOR]["state"] == "off", what="off again")
 
 
+async def silent_lamp_at_its_turn(shown: Cards) -> None:
+    await shown.act("connect", url=HOME_URL)
+    await shown.until("choose")
+    await asyncio.sleep(6.0)
+    await shown.act("choose", lamps=(HALL, DOOR))
+    await shown.act("hand", hand="phone", user="anna")
+
+
+async def watch(shown: Cards, duration_s: float) -> HomeSetup:
+    """Keep the card open for a time, and return what it shows then."""
+    for _ in range(round(duration_s / 0.5)):
+        await shown.act()
+        await asyncio.sleep(0.5)
+    return await shown.act()
+
+
+async def test_silent_lamp_is_lit_at_its_turn_and_off_afterwards(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_silent()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await silent_lamp_at_its_turn(shown)
+        setup = await watch(shown, 3.0)
+        assert (home.states[HALL]["state"], setup.is_lit, setup.goes_off) == ("unknown", False, False)
+        setup = await watch(shown, 3.0)
+        assert (home.states[HALL]["state"], setup.is_lit, setup.goes_off) == ("on", True, True)
+
+        await shown.act("skip")
+        setup = await watch(shown, 3.0)
+        assert (setup.target, setup.goes_off) == (DOOR, False)
+        assert home.states[HALL]["state"] == "off"
+
+
+async def test_lamp_that_reports_nothing_at_all_is_told_to_go_off_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_silent()
+    home.is_deaf = True
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await silent_lamp_at_its_turn(shown)
+        setup = await watch(shown, 6.0)
+        assert (setup.is_lit, setup.goes_off) == (False, True)
+        await shown.act("skip")
+        await watch(shown, 10.0)
+    calls = [action for action, entity, _data in home.calls if entity == HALL]
+    assert calls == ["light.turn_on", "light.turn_off"]
+
+
+async def test_lamp_that_reports_late_is_restored_exactly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_silent()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await silent_lamp_at_its_turn(shown)
+        await watch(shown, 2.0)
+        home.set(HALL, "on", brightness=70)
+        setup = await watch(shown, 6.0)
+        assert (setup.is_lit, setup.goes_off) == (True, False)
+        await shown.act("skip")
+        await asyncio.sleep(20.0)
+    assert (home.states[HALL]["state"], home.states[HALL]["attributes"]["brightness"]) == ("on", 70)
+
+
+async def test_silent_lamp_is_not_lit_for_a_look_at_the_list(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_silent()
+    with_token(tmp_path)
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await shown.act("connect", url=HOME_URL)
+        await shown.until("choose")
+        for _ in range(10):
+            await shown.act("show", lamps=(HALL,))
+            await asyncio.sleep(1.0)
+    assert home.calls == []
+
+
+async def test_silent_lamp_that_was_lit_before_a_kill_goes_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = home_of_silent()
+    with_token(tmp_path)
+    home.is_deaf = True
+    async with cards(home, tmp_path, monkeypatch) as (_bench, shown):
+        await silent_lamp_at_its_turn(shown)
+        await watch(shown, 6.0)
+    home.calls.clear()
+    async with cards(home, tmp_path, monkeypatch):
+        await until(lambda: ("light.turn_off", HALL, {}) in home.calls, what="off")
+
+
 async def test_wrong_token_is_reported_and_another_one_tried_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -233,7 +336,6 @@ async def test_stored_token_is_sent_to_no_other_address(
 
 NEW = "0123456789abcdef"
 NEW_FILE = f"{NEW}.new-secret"
-HOME_URL = "http://home.local:8123"
 
 
 def give_token(folder: Path, token: str) -> str:

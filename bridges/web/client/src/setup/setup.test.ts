@@ -47,6 +47,7 @@ const setup = (fields: Partial<HomeSetup> = {}): HomeSetup => ({
   may_walk: false,
   can_take_back: false,
   is_lit: true,
+  goes_off: false,
   map: "",
   places_m: [],
   poses: 0,
@@ -77,6 +78,7 @@ test("text of the turn names the lamp, its end and the reason of a repetition", 
     placingText(setup({ lamps: [lamp("a", { reason: "was it another lamp?" })] })),
     /Once more: was it another lamp\?$/,
   );
+  assert.match(placingText(setup({ goes_off: true })), /so it is switched off afterwards\.$/);
   assert.match(
     placingText(setup({ is_aligning: true, place: "B" })),
     /^Stand at your second place\. Point at A/,

@@ -81,11 +81,13 @@ export function placingText(setup: HomeSetup): string {
   const name = nameOf(setup, setup.target);
   const end = setup.end ? `the ${setup.end === "first" ? "beginning" : "end"} of ${name}` : name;
   const lit = setup.is_lit ? ", which is lit" : "";
-  if (setup.is_aligning) return `Stand at your ${placeName(setup.place)}. Point at ${end}${lit}, and press.`;
+  const off = setup.goes_off ? " It did not say whether it was on, so it is switched off afterwards." : "";
+  if (setup.is_aligning)
+    return `Stand at your ${placeName(setup.place)}. Point at ${end}${lit}, and press.${off}`;
   const stand = setup.place === "A" ? "Stand where you will point from most." : "Stay at your second place.";
   const lamp = setup.lamps.find(({ id }) => id === setup.target);
   const again = lamp?.reason ? ` Once more: ${lamp.reason}` : "";
-  return `${stand} Point at ${end}${lit}, with a straight arm, and press.${again}`;
+  return `${stand} Point at ${end}${lit}, with a straight arm, and press.${off}${again}`;
 }
 
 export function progressText(setup: HomeSetup): string {

@@ -78,7 +78,9 @@ class TakenRobot:
         self._user = user
         self._since_ns = now_ns
         self._reason = ""
-        """Reason that was reported last."""
+        """Reason that was reported last, or that the robot had when it accepted the person."""
+        self._untold_since_ns: int | None = None
+        """Time of the acceptance while `_reason` was not reported, or None."""
         self._reported_ns = 0
         self._goal: Goal | None = None
         """Goal that was sent and has no result yet."""
@@ -107,11 +109,16 @@ class TakenRobot:
                 reason = "somebody stopped it, or you were not heard of; point at it and take it again"
             return RobotCue("deselected", f"{self.name} is no longer yours: {reason}", ends=True)
 
-        # A new reason why it does not do what the person wants, or else its arrival
-        if state.reason and state.reason != self._reason:
+        # A new reason why it does not do what the person wants, or a first one that lasts, or else its arrival
+        is_new = state.reason != self._reason
+        if is_new:
+            self._untold_since_ns = None
+        lasts = self._untold_since_ns is not None and now_ns - self._untold_since_ns >= REPORTED_NS
+        if state.reason and (is_new or lasts):
             if now_ns - self._reported_ns < REPORTED_NS:
                 return None
             self._reason = state.reason
+            self._untold_since_ns = None
             self._reported_ns = now_ns
             if state.phase != "moving":
                 self._goal = None
@@ -137,7 +144,9 @@ class TakenRobot:
         """Return the cue for the robot's answer to the request of the person, or None before it."""
         if state.user == self._user:
             self.is_owner = True
+            # What it is waiting for as it accepts, such as an arm that still points at it, may pass at once
             self._reason = state.reason
+            self._untold_since_ns = now_ns if state.reason else None
             return RobotCue("selected", f"{self.name} is yours: {HOW[state.kind]}", place_m=state.position_m)
         if state.user:
             text = f"{self.name} is steered by {state.user}: wait until it is free, or point at another robot"

@@ -32,7 +32,7 @@ WAYPOINT_S = 8.0
 """Time at a place without a cue after which the person points at the next one, s."""
 PATH = 2
 """Number of spots of a path: a way-point and a goal."""
-SETTLED_S = 2.0
+SETTLED_S = 1.5
 """Time of steering from which an uncertain place is not that of an arm that turns, s."""
 TURN = 2
 """Number of paths or landings after which the person leaves the robot to others."""

@@ -224,6 +224,20 @@ def test_long_headset_press_lands_the_quadrotor_at_the_earlier_cursor() -> None:
     assert ben.steering.target_m == pytest.approx(THERE)
 
 
+def test_reason_that_the_robot_has_as_it_accepts_is_told_once_if_it_lasts() -> None:
+    unsure = "the pointed place is sure to 0.8 m only: localize again"
+    ben = Ben().set("quad", reason=unsure).take("quad").point(THERE, 1.0)
+    assert ben.text.startswith("quad is yours")
+
+    ben.point(THERE, 1.5)
+    assert ben.text == f"quad: {unsure}"
+    ben.point(THERE, 3.0)
+    assert len(ben.cues) == 2
+
+    passing = Ben().set("quad", reason=unsure).take("quad").set("quad", reason="").point(THERE, 4.0)
+    assert passing.text.startswith("quad is yours")
+
+
 def test_quadrotor_follows_on_after_a_refused_landing() -> None:
     ben = Ben().take("quad").set("quad", phase="idle").point(THERE).press()
     ben.set("quad", reason="a fence is there: point at another place")

@@ -109,7 +109,7 @@ class TakenRobot:
                 reason = "somebody stopped it, or you were not heard of; point at it and take it again"
             return RobotCue("deselected", f"{self.name} is no longer yours: {reason}", ends=True)
 
-        # A new reason why it does not do what the person wants, or a first one that lasts, or else its arrival
+        # A new reason why it does not do what the person wants, a first one that lasts, or its arrival
         is_new = state.reason != self._reason
         if is_new:
             self._untold_since_ns = None

@@ -114,7 +114,8 @@ class TakenRobot:
         if is_new:
             self._untold_since_ns = None
         lasts = self._untold_since_ns is not None and now_ns - self._untold_since_ns >= REPORTED_NS
-        if state.reason and (is_new or lasts):
+        is_due = is_new or lasts
+        if state.reason and is_due:
             if now_ns - self._reported_ns < REPORTED_NS:
                 return None
             self._reason = state.reason

@@ -13,6 +13,7 @@ from pointit.bridges.home_assistant.setup.home_files import HomeFiles, needs_sec
 from pointit.bridges.home_assistant.setup.progress import AddressTrial, SetupProgress, UsedSecret
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
+from pointit.schemas.text import system_reason
 
 
 class HomeAddress:
@@ -152,7 +153,7 @@ def _written_ns(secret: Path) -> int:
     try:
         return secret.stat().st_mtime_ns
     except OSError as error:
-        raise ConfigError(f"{secret}: cannot be read ({error.strerror or error}); connect again") from error
+        raise ConfigError(f"{secret}: cannot be read ({system_reason(error)}); connect again") from error
 
 
 def _config_with(config: HomeAssistantConfig, url: str, secret: Path) -> HomeAssistantConfig:

@@ -28,6 +28,7 @@ from pointit.runtime.host.state_file import StateFile, read_limited, write_atomi
 from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.scan.paced import FIRST, SECOND
 from pointit.schemas.home import LAMP, NEW_SECRET, PASSWORD_FILE, STRIP, TOKEN_FILE
+from pointit.schemas.text import system_reason
 
 MAP = "home.yaml"
 DRAFT = "placing.yaml"
@@ -115,7 +116,7 @@ class HomeFiles:
         except FileNotFoundError:
             return
         except OSError as error:
-            raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+            raise ConfigError(f"{path}: cannot be written ({system_reason(error)})") from error
 
     def remove_new_secret(self, name: str) -> None:
         """Remove the file of a token or password that was not accepted, if it is there."""

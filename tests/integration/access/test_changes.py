@@ -58,6 +58,7 @@ def is_silent(listener: Member, speaker: Member, key: str, witness: Member, know
     return True
 
 
+@pytest.mark.slow
 async def test_the_router_follows_who_comes_and_goes(tmp_path: Path) -> None:
     folder = make_site(tmp_path / "lab", names=FEW)
     with RouterProgram("--config", str(folder.path / "router" / "router.json5")):

@@ -24,6 +24,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SiteFolder]:
         yield folder
 
 
+@pytest.mark.slow
 async def test_service_under_a_wrong_name_reports_it_and_keeps_running(
     site: SiteFolder, commands: Commands
 ) -> None:

@@ -230,6 +230,7 @@ async def test_eight_questions_for_past_events_at_once_are_answered(folder: Site
             await bus.close()
 
 
+@pytest.mark.slow
 def test_connections_beyond_an_identitys_limit_are_cut_and_named(folder: SiteFolder) -> None:
     more = 8
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:

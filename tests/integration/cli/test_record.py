@@ -4,6 +4,8 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
 from pointit.recording.entries import Entry
@@ -34,6 +36,7 @@ def numbers(found: list[Entry], topic: Topic[ImuSample], user: str) -> list[int]
     ]
 
 
+@pytest.mark.slow
 async def test_recording_that_is_killed_has_all_but_the_last_second(site: Site, tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     scenario = read_scenario("scenario_4")

@@ -216,6 +216,7 @@ def has_color(frame: StripsFrame) -> bool:
     return False
 
 
+@pytest.mark.slow
 async def test_ros_user_points_and_selects_without_pointit_services(site: Site, look: Onlooker) -> None:
     events: list[SelectionEvent] = []
     profiles: list[UserProfile] = []

@@ -82,6 +82,7 @@ def test_boxes_fire_one_by_one_and_functions_get_each_event() -> None:
     assert all(after.thing != before.thing for before, after in pairwise(fired))
 
 
+@pytest.mark.slow
 def test_map_of_things_runs_endlessly_firing_by_dwell_or_press(tmp_path: Path) -> None:
     room = tmp_path / "kitchen.yaml"
     room.write_text(MAP, encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from collections import deque
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -141,6 +142,7 @@ def check(hall: Hall) -> None:
 
 @settings(deadline=None, max_examples=25)
 @given(delay=st.integers(0, SLOWEST), script=deeds("undo", "clear", "release"))
+@pytest.mark.slow
 def test_nothing_is_accepted_for_which_it_is_too_late(delay: int, script: list[tuple[str, int]]) -> None:
     hall = Hall(delay)
     for deed, number in script:

@@ -180,6 +180,7 @@ BRIDGES_TO_ONE_START = room(
     {"interval_s": 0.3, "length_m": 0.15, "initial": 0, "count": 25},
 )
 @given(networks(), st.lists(action, min_size=10, max_size=40), bay_pairs, feeders)
+@pytest.mark.slow
 def test_packages_neither_overlap_nor_get_lost_on_any_network(
     environment: Environment,
     actions: list[tuple[str, float]],
@@ -253,6 +254,7 @@ def test_endless_stream_admits_a_package_from_the_side_in_turn() -> None:
     assert next(t.surface_id for t in belts.tracked(0).objects if t.id == name) == "main"
 
 
+@pytest.mark.slow
 def test_ring_is_never_filled_to_a_standstill() -> None:
     """All from one side want to go on where all from the other side stand."""
     feeders = {"e": every("part_e", 0.4, kind="blue"), "h": every("part_h", 0.4, kind="red")}

@@ -308,6 +308,7 @@ def items(now_ns: int) -> st.SearchStrategy[Item]:
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(st.data())
+@pytest.mark.slow
 def test_device_that_delivers_anything_neither_stops_nor_disorders_the_samples(data: st.DataObject) -> None:
     async def play() -> None:
         async with with_puppet() as (bench, puppet):

@@ -90,6 +90,7 @@ def test_lamps_that_are_swapped_in_the_map_are_named(swap: tuple[int, int]) -> N
     assert all(f"{first} and {second}" in reason for reason in reasons if "swapped" in reason)
 
 
+@pytest.mark.slow
 def test_one_pointing_at_another_lamp_is_ignored_when_five_agree() -> None:
     taken = 0
     for seed in range(20):

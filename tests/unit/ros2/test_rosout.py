@@ -142,6 +142,7 @@ def test_slow_or_changing_findings_do_not_flood_the_log(log: Log) -> None:
     assert most // 2 < told <= most
 
 
+@pytest.mark.slow
 def test_many_findings_are_logged_in_portions_and_bounded(log: Log) -> None:
     report = health(*(f"{chr(ord('a') + count)} is gone" for count in range(MAX_AT_ONCE + 4)))
     assert len(log.says(report)) == MAX_AT_ONCE

@@ -88,6 +88,7 @@ _STEPS: st.SearchStrategy[list[partial[None]]] = st.lists(
 
 @given(_STEPS)
 @settings(max_examples=120, deadline=None)
+@pytest.mark.slow
 def test_each_object_has_one_owner_and_each_claim_one_event(
     steps: list[partial[None]],
 ) -> None:

@@ -57,6 +57,7 @@ def written(folder: Path) -> str:
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_page_needs_nothing_else_and_is_well_formed(written: str) -> None:
     page = Page(written)
     assert page.ids

@@ -167,7 +167,10 @@ def network(machines: Sequence[Machine], scheme: str) -> Generator[NamespaceNetw
         network.lay()
     except (OSError, RuntimeError, subprocess.TimeoutExpired) as error:
         network.close()
-        network = NamespaceNetwork(machines, scheme, lacking=system_reason(error))
+        lacking = system_reason(error)
+        if isinstance(error, FileNotFoundError):
+            lacking = f"{error.filename} is not installed"
+        network = NamespaceNetwork(machines, scheme, lacking=lacking)
     try:
         yield network
     finally:

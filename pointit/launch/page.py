@@ -333,11 +333,12 @@ def _lan_host(config: WebConfig) -> str:
 
 
 def is_listening(url: str) -> bool:
-    """Return True if a server accepts connections at `url`, an address of this machine."""
+    """Return True if a server of this machine accepts connections at `url`."""
     parts = urlsplit(url)
-    address = (parts.hostname or "", parts.port)
+    host = parts.hostname or ""
     try:
-        socket.create_connection(address, CONNECT_S).close()
+        # From the same address: that fails if it is another machine's, which may answer, or a proxy for it
+        socket.create_connection((host, parts.port), CONNECT_S, source_address=(host, 0)).close()
     except OSError:
         return False
     return True

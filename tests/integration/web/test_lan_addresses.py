@@ -187,3 +187,19 @@ def test_scan_for_phones_is_not_printed_when_nothing_listens(monkeypatch: pytest
     assert page.scan_url.startswith("https://")
     lines = RunPage(page).greeting(is_drawn=True)
     assert not [line for line in lines if "map this room" in line]
+
+
+def test_address_of_another_machine_that_answers_is_not_ours(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        connect = socket.socket.connect
+
+        def answer(self: socket.socket, _address: object) -> None:
+            """Connect to this machine in place of the other one, as a transparent proxy does."""
+            connect(self, ("127.0.0.1", port))
+
+        monkeypatch.setattr(socket.socket, "connect", answer)
+        assert is_listening(f"https://127.0.0.1:{port}/")
+        assert not is_listening("https://203.0.113.7:8443/")

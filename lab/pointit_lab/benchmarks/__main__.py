@@ -15,7 +15,6 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE, replaced_file
 from pointit.runtime.service.process import SWITCH_INTERVAL_S
 from pointit_lab.benchmarks import (
@@ -31,7 +30,6 @@ from pointit_lab.benchmarks import (
 )
 from pointit_lab.benchmarks.bare_zenoh import free_endpoint
 from pointit_lab.benchmarks.statistics import Figures, machine
-from pointit_lab.cli.options import check_writable
 
 RATE_HZ = 100.0
 PARTS = ("latency", "users", "startup", "cores", "lights", "things", "ros2", "recorder")
@@ -87,15 +85,6 @@ def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
     }
 
 
-def _writable(_context: click.Context, _parameter: click.Parameter, path: Path | None) -> Path | None:
-    """Return `path`, after a check before minutes of work. Raises click.BadParameter: not writable."""
-    try:
-        check_writable(path)
-    except ConfigError as error:
-        raise click.BadParameter(str(error)) from error
-    return path
-
-
 def _resolved(_context: click.Context, _option: click.Parameter, commit: str | None) -> str | None:
     return commit and against.resolved(commit)
 
@@ -108,13 +97,7 @@ def _resolved(_context: click.Context, _option: click.Parameter, commit: str | N
     default=RATE_HZ,
     help="samples per second of one wrist, for latency",
 )
-@click.option(
-    "--json",
-    "path",
-    type=click.Path(path_type=Path),
-    callback=_writable,
-    help="write everything to this file",
-)
+@click.option("--json", "path", type=click.Path(path_type=Path), help="write everything to this file")
 @click.option("--only", type=click.Choice(PARTS + ON_REQUEST), multiple=True, help="just these parts")
 @click.option(
     "--against",

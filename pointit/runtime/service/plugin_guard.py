@@ -11,19 +11,21 @@ from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock, WallClock
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError, describe
 from pointit.runtime.host.state_file import StateFile, state_directory
 from pointit.runtime.virtual_time import is_virtual
 from pointit.schemas.problems import EVENT_LOOP
+
+if TYPE_CHECKING:
+    from pointit.runtime.bus.service_bus import ServiceBus  # cores use this module, and know no bus
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +84,7 @@ class HealthSink(WarningSink, Protocol):
 class PluginHealth:
     """One plug-in's part of a service's health. It cannot change the entries of others."""
 
-    def __init__(self, health: ServiceBus, part: str) -> None:
+    def __init__(self, health: "ServiceBus", part: str) -> None:
         """Show warnings and metrics of the plug-in `part` in `health`. `part` is unique in the service."""
         self._health = health
         self._part = part

@@ -7,6 +7,8 @@ Listener in front of the SDK's server, which accepts the names of its own subpro
 `foxglove.websocket.v1`, which viewers offer that are older or not Foxglove's, and `foxglove.sdk.v1` are the
 same protocol (github.com/orgs/foxglove/discussions/1131). The names in the handshake are exchanged, and what
 follows is passed on as it is.
+
+No core: it waits for connections and for threads of a library.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""Names of things that a media player of Home Assistant speaks, of the people in turn."""
+"""Names of things that a media player of Home Assistant speaks, of the people in turn.
+
+No core: it waits for a media player.
+"""
 
 import asyncio
 from collections.abc import Iterable, Mapping

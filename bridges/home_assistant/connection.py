@@ -1,6 +1,8 @@
 """Connection to a Home Assistant by its WebSocket API.
 
 https://developers.home-assistant.io/docs/api/websocket
+
+No core: it waits for a server.
 """
 
 import asyncio

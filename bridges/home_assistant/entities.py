@@ -1,4 +1,7 @@
-"""Entities of a Home Assistant that people can point at, by area."""
+"""Entities of a Home Assistant that people can point at, by area.
+
+No core: it logs what it leaves out.
+"""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, cast

@@ -1,4 +1,7 @@
-"""Calls to entities of one connection: the newest of each at a limited rate, and those of the hover."""
+"""Calls to entities of one connection: the newest of each at a limited rate, and those of the hover.
+
+No core: it waits for a server and keeps time.
+"""
 
 import asyncio
 import contextlib

@@ -1,4 +1,7 @@
-"""Client of NatNet: session with one server, sockets by unicast and multicast, and the search for servers."""
+"""Client of NatNet: session with one server, sockets by unicast and multicast, and the search for servers.
+
+No core: it waits for datagrams.
+"""
 
 import asyncio
 import contextlib

@@ -3,6 +3,8 @@
 `qtm-rt` decodes packets and sends commands. Its own `connect` is not used: it returns None for each error and
 has no timeout, its receiver never returns from a packet whose size is 0 and collects any size, its frames
 count through components of size 0, and commands get no answer after the connection has ended.
+
+No core: it waits for a server.
 """
 
 import asyncio

@@ -3,6 +3,8 @@
 A parameter is called SECTION.NAME.KEY. The name may have dots in it, so nothing is nested deeper, whatever a
 node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`. Only the light and the
 place of a thing are nested: `things.nuts.light.strip`, `things.exit.at.belt`.
+
+No core: it waits for another node.
 """
 
 import contextlib

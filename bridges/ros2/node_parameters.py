@@ -1,4 +1,7 @@
-"""Parameters of another node, by the services that every ROS node has."""
+"""Parameters of another node, by the services that every ROS node has.
+
+No core: it waits for another node.
+"""
 
 import asyncio
 from collections.abc import Mapping, Sequence

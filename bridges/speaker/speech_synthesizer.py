@@ -1,4 +1,7 @@
-"""A synthetic voice: it says one sentence at a time, and detects that it is not heard."""
+"""A synthetic voice: it says one sentence at a time, and detects that it is not heard.
+
+No core: it waits for a program that speaks.
+"""
 
 import asyncio
 import contextlib

@@ -1,4 +1,7 @@
-"""A recorded device, replayed at its own times."""
+"""A recorded device, replayed at its own times.
+
+No core: it reads a file and waits for the times in it.
+"""
 
 import asyncio
 import logging

@@ -1,4 +1,7 @@
-"""A simulated device on a simulated arm: a slow sweep."""
+"""A simulated device on a simulated arm: a slow sweep.
+
+No core: it waits for the times of its samples.
+"""
 
 import math
 

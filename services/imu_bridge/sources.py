@@ -1,4 +1,7 @@
-"""Readings of a source of orientations, which of them are refused, and the sources by name."""
+"""Readings of a source of orientations, which of them are refused, and the sources by name.
+
+No core: its sources wait for devices.
+"""
 
 import asyncio
 import math

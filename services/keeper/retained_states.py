@@ -2,6 +2,8 @@
 
 The newest is the last received: stamps of writers on different machines, or of another run's simulated time,
 cannot be compared. States from disk are older than any received one.
+
+No core: it writes a file.
 """
 
 from collections.abc import Iterator

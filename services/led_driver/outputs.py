@@ -1,4 +1,7 @@
-"""Controllers of LED strips by name, also of installed packages: roles and the guard of each."""
+"""Controllers of LED strips by name, also of installed packages: roles and the guard of each.
+
+No core: it opens controllers and guards plug-ins.
+"""
 
 import functools
 from collections import Counter

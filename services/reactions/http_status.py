@@ -2,6 +2,8 @@
 
 A server can neither stall the event loop nor fill the memory: the connection ends after the headers, no body
 is read or decoded, and no redirect is followed.
+
+No core: it waits for a server.
 """
 
 import contextlib

@@ -1,4 +1,7 @@
-"""Runs the programs and sends the webhooks of `--on`, each the target of a thing."""
+"""Runs the programs and sends the webhooks of `--on`, each the target of a thing.
+
+No core: it waits for programs and servers.
+"""
 
 import asyncio
 import contextlib

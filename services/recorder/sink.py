@@ -1,4 +1,7 @@
-"""Thread that decodes and writes messages, with people's names replaced if that is configured."""
+"""Thread that decodes and writes messages, with people's names replaced if that is configured.
+
+No core: it writes a file in a thread.
+"""
 
 import contextlib
 import functools

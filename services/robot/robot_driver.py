@@ -1,4 +1,7 @@
-"""Drivers of robots: commands, reports and their frames, and the installed drivers by name."""
+"""Drivers of robots: commands, reports and their frames, and the installed drivers by name.
+
+No core: its drivers wait for robots.
+"""
 
 import math
 from collections.abc import Callable

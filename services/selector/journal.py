@@ -1,6 +1,8 @@
 """Journal of events on disk: what is selected for the next start, and past events for late subscribers.
 
 An event is committed before it is published. While the disk cannot be written, selecting continues in memory.
+
+No core: it writes a file.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""The selector on the bus: of a whole site, or of a shard that lives beside people."""
+"""The selector on the bus: of a whole site, or of a shard that lives beside people.
+
+No core: it publishes, serves and waits for its timers.
+"""
 
 import asyncio
 import logging

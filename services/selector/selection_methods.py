@@ -1,4 +1,7 @@
-"""Selection methods by name: ours, and those of installed packages."""
+"""Selection methods by name: ours, and those of installed packages.
+
+No core: it guards plug-ins and logs what they do wrong.
+"""
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass

@@ -25,6 +25,10 @@ def module_name(path: Path) -> str:
     return ".".join(parts).removesuffix(".__init__")
 
 
+SHELLS = {"__init__.py", "config.py", "service.py"}
+"""Files of a service that are no core."""
+NO_CORE = "\nNo core: "
+"""Beginning of the line in the docstring of other modules that wait for devices or time, or write files."""
 LAB = ROOT / "lab/pointit_lab"
 BENCHMARKS = LAB / "benchmarks"
 
@@ -50,6 +54,11 @@ def text(path: Path) -> str:
 @cache
 def tree(path: Path) -> ast.Module:
     return ast.parse(text(path), str(path))
+
+
+def is_core(path: Path) -> bool:
+    """Return True if a module of a service is pure: neither its shell, nor marked `No core: REASON`."""
+    return path.name not in SHELLS and NO_CORE not in text(path)
 
 
 def shown(path: Path, node: ast.expr | ast.stmt | None = None) -> str:

@@ -23,50 +23,8 @@ from tests.support.invoked import python
 
 HOMES = {"services": ROOT / "services", "bridges": ROOT / "bridges"}
 """Folders of processes, by room."""
-SHELLS = {"__init__.py", "config.py", "service.py"}
-"""Files of a service that are no core."""
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
-DEVICES = {
-    name: set(modules.split())
-    for name, modules in {
-        "imu-bridge": """
-            ble/ble_source.py ble/metamotion.py ble/radio.py ble/touch_sdk.py ble/witmotion_ble.py
-            ble/xsens_dot.py network/datagram_source.py network/udp_server.py network/slimevr.py
-            network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
-        "foxglove": "server.py",
-        "home-assistant": """
-            announcer.py connection.py entities.py entity_commands.py mqtt/broker_connection.py
-            setup/home_address.py setup/home_files.py
-            setup/setup_session.py""",
-        "keeper": "retained_states.py",
-        "mocap": "natnet_client.py qtm_client.py",
-        "reactions": "http_status.py targets.py",
-        "recorder": "sink.py",
-        "speaker": "speech_synthesizer.py",
-        "led-driver": """
-            outputs.py output/adalight.py output/pixel_output.py output/udp_output.py
-            output/ddp.py output/artnet.py output/e131.py output/expander.py output/mqtt_output.py
-            output/serial_output.py output/spotlight.py""",
-        "robot": "drivers/agv.py drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
-        "selector": "selection_methods.py roles.py journal.py",
-        "web": """
-            devices/devices.py devices/run_command.py pages/action.py pages/arm_actions.py
-            pages/page_requests.py pages/site_actions.py server/metrics_server.py server/app.py
-            server/certificate.py server/lan.py server/link_file.py server/paced_websocket.py
-            pages/page_session.py
-            model/history.py model/people.py wrists/phone.py server/listener.py playback/file_past.py
-            playback/past_page.py model/home_site.py model/map_editor.py model/separability.py
-            scan/scan_server.py
-            scan/session.py scan/solver_process.py""",
-        "ros2": """
-            graph/backends.py graph/node_backend.py routing/inbox.py routing/ros_users.py
-            routing/outbox.py map_parameters.py node_parameters.py robot/driver.py robot/navigator.py
-            routing/site.py over_rclpy/backend.py over_rclpy/endpoints.py over_zenoh/backend.py
-            over_zenoh/endpoints.py""",
-    }.items()
-}
-"""Modules beside `service.py` that wait for devices or time, or write files; no cores."""
 HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
     *("pointit.runtime.address_config", "pointit.runtime.host.extras"),
@@ -174,7 +132,7 @@ def test_every_service_folder_is_in_the_registry_and_vice_versa() -> None:
 def test_every_service_has_its_files_and_a_core(row: Process) -> None:
     folder = folder_of(row)
     assert {path.name for path in folder.glob("*.py")} >= {"__init__.py", "service.py"}
-    assert {path.name for path in folder.rglob("*.py")} - SHELLS, (
+    assert {path.name for path in folder.rglob("*.py")} - sources.SHELLS, (
         f"{shown(folder)} has no core: the module named after its idea"
     )
 
@@ -205,15 +163,23 @@ def test_every_parameter_is_described(row: Process) -> None:
 
 @rows
 def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
-    folder = folder_of(row)
-    shells = {*DEVICES.get(row.name, set()), "__init__.py", "service.py"}
-    modules = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*.py"))}
-    assert shells <= set(modules), "DEVICES names what is not there"
-    cores = tuple(path for place, path in modules.items() if place not in shells | {"config.py"})
+    cores = tuple(path for path in sorted(folder_of(row).rglob("*.py")) if sources.is_core(path))
     doors = ("asyncio", "threading", "time", "logging", "serial", "pointit.runtime")
     harmless = {place for module in HARMLESS for place in sources.importers(module, cores)}
     found = {place for module in doors for place in sources.importers(module, cores)}
-    assert not found - harmless, f"{row.name}: a core gets inputs and the time, and returns messages"
+    assert not found - harmless, (
+        f"{row.name}: a core gets inputs and the time, and returns messages; "
+        "a module that waits or writes files says so by a line `No core: REASON` in its docstring"
+    )
+
+
+def test_module_without_core_says_why_at_the_end_of_its_docstring() -> None:
+    marked = [path for path in sources.shipped() if sources.NO_CORE in sources.text(path)]
+    assert marked
+    for path in marked:
+        *_, last = (ast.get_docstring(sources.tree(path)) or "").splitlines()
+        assert last.startswith(sources.NO_CORE.strip()), f"{shown(path)}: the line ends the docstring"
+        assert last.endswith("."), f"{shown(path)}: the reason is a sentence"
 
 
 @rows

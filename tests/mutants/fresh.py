@@ -1,8 +1,8 @@
 """Fresh mutants: one-line mistakes in the cores that nobody chose, and the nets that must notice them.
 
-The cores are the modules of `services` that `test_layout.py` calls so, and `geometry`. A mistake replaces an
-operator, a number or a truth, takes one side of an expression, or leaves out a statement. Sentences that
-people read are left as they are.
+The cores are `geometry`, and the modules of `services` that are no shells and not marked `No core:`. A
+mistake replaces an operator, a number or a truth, takes one side of an expression, or leaves out a statement.
+Sentences that people read are left as they are.
 """
 
 import ast
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
-from tests.architecture.test_layout import DEVICES, HOMES, SHELLS
+from tests.architecture.sources import is_core
 
 ROOT = Path(__file__).parents[2]
 NETS = ("tests/golden/test_golden.py", "tests/replay/test_replay.py")
@@ -37,12 +37,9 @@ OPERATORS: dict[type[ast.AST], Any] = {a: b for pair in OPPOSITES for a, b in (p
 def core_files() -> list[str]:
     """Return the paths of all cores."""
     files = [path.relative_to(ROOT).as_posix() for path in sorted((ROOT / GEOMETRY).glob("[!_]*.py"))]
-    for folder in sorted(HOMES["services"].iterdir()):
-        devices = DEVICES.get(folder.name.replace("_", "-"), set())
-        for path in sorted(folder.rglob("*.py")):
-            inside = path.relative_to(folder).as_posix()
-            if path.name not in SHELLS and inside not in devices:
-                files.append(path.relative_to(ROOT).as_posix())
+    for path in sorted((ROOT / "services").glob("*/**/*.py")):
+        if is_core(path):
+            files.append(path.relative_to(ROOT).as_posix())
     return files
 
 

@@ -2,6 +2,8 @@
 
 They have the states, events and actions of Home Assistant, so that all else here serves both: rates of
 commands, hovers, lamps that are lit at their turn, and what is restored after a kill.
+
+No core: it waits for a broker.
 """
 
 import asyncio

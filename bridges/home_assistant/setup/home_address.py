@@ -2,6 +2,8 @@
 
 A token or password that comes with an address is in a file of its own until then. If the address or the
 secret is refused, the working ones are as they were. A secret is sent to no other address than its own.
+
+No core: it writes files.
 """
 
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""Files of a home in the folder of `pointit home`: its map, its parameters, its token, its state."""
+"""Files of a home in the folder of `pointit home`: its map, its parameters, its token, its state.
+
+No core: it reads and writes files.
+"""
 
 import contextlib
 import json

@@ -1,4 +1,7 @@
-"""The cards of a home: answers their request, hears presses, lights the lamp of the turn, writes files."""
+"""The cards of a home: answers their request, hears presses, lights the lamp of the turn, writes files.
+
+No core: it waits for people and lamps, and writes files.
+"""
 
 import asyncio
 import contextlib

@@ -1,4 +1,7 @@
-"""Joining the ROS graph through the backend that the configuration names."""
+"""Joining the ROS graph through the backend that the configuration names.
+
+No core: it joins a network.
+"""
 
 import asyncio
 import functools

@@ -1,4 +1,7 @@
-"""A node in the ROS graph: parts that are the same for every middleware, and its warnings."""
+"""A node in the ROS graph: parts that are the same for every middleware, and its warnings.
+
+No core: it waits for a network and keeps time.
+"""
 
 import abc
 import asyncio

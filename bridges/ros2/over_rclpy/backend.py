@@ -2,6 +2,8 @@
 
 One thread spins rclpy's executor; its events reach the loop through bounded queues. rclpy does not notify of
 changes in the graph (ros2/rclpy#929), so it is read once a second, and after every declaration of ours.
+
+No core: it waits for a network in a thread.
 """
 
 import functools

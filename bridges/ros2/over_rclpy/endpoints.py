@@ -1,4 +1,7 @@
-"""Endpoints over rclpy: the graph, their shared context, servers and clients of ROS services."""
+"""Endpoints over rclpy: the graph, their shared context, servers and clients of ROS services.
+
+No core: it waits for a network.
+"""
 
 import asyncio
 import collections

@@ -1,4 +1,7 @@
-"""A node in a ROS 2 graph on Zenoh."""
+"""A node in a ROS 2 graph on Zenoh.
+
+No core: it waits for a network.
+"""
 
 from collections.abc import Callable
 

@@ -1,4 +1,7 @@
-"""Endpoints of a node in a ROS 2 graph on Zenoh, and the context that they share."""
+"""Endpoints of a node in a ROS 2 graph on Zenoh, and the context that they share.
+
+No core: it waits for a network.
+"""
 
 import asyncio
 import collections

@@ -1,4 +1,7 @@
-"""The robot driver `ros2`."""
+"""The robot driver `ros2`.
+
+No core: it waits for a robot.
+"""
 
 import asyncio
 import contextlib

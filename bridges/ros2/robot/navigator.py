@@ -1,4 +1,7 @@
-"""Commands to a robot with Nav2, as goals of its action NavigateToPose."""
+"""Commands to a robot with Nav2, as goals of its action NavigateToPose.
+
+No core: it waits for a robot.
+"""
 
 import asyncio
 import math

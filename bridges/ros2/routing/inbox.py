@@ -1,4 +1,7 @@
-"""Input from ROS: topics forwarded to our bus, and ROS services answered by PointIt services."""
+"""Input from ROS: topics forwarded to our bus, and ROS services answered by PointIt services.
+
+No core: it waits for messages.
+"""
 
 import asyncio
 import functools

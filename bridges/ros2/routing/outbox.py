@@ -1,4 +1,7 @@
-"""Output to ROS: converts, limits and encodes every route, for every name that it is about."""
+"""Output to ROS: converts, limits and encodes every route, for every name that it is about.
+
+No core: it sends messages and keeps time.
+"""
 
 import asyncio
 import functools

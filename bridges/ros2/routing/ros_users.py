@@ -1,4 +1,7 @@
-"""Users with ROS nodes only, by configuration. They are present while messages of these arrive."""
+"""Users with ROS nodes only, by configuration. They are present while messages of these arrive.
+
+No core: it keeps the times of messages.
+"""
 
 import logging
 from collections.abc import Iterable

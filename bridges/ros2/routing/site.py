@@ -1,4 +1,7 @@
-"""Context shared by both directions of the bridge."""
+"""Context shared by both directions of the bridge.
+
+No core: it holds the bus.
+"""
 
 from dataclasses import dataclass
 

@@ -2,6 +2,8 @@
 
 A wrist is a `pointit person add`, a light a `pointit output add`, so each is a person or an output like those
 of a terminal, with the rights of this process.
+
+No core: it starts processes and waits for them.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""A command of `pointit` as a child process: what it prints, and its end."""
+"""A command of `pointit` as a child process: what it prints, and its end.
+
+No core: it waits for a process.
+"""
 
 import asyncio
 import contextlib

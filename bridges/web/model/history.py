@@ -1,4 +1,7 @@
-"""Selection events from before this server started, queried from the selector's journal."""
+"""Selection events from before this server started, queried from the selector's journal.
+
+No core: it asks the selector and waits for the answer.
+"""
 
 import asyncio
 import logging

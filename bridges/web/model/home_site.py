@@ -4,6 +4,8 @@ The token of a Home Assistant, or the password of a broker, goes into a file of 
 home and nowhere else. `home-assistant` puts it in place of the stored one once it was accepted. Answers call
 for requests of an operator, which the server of the page may send: a map, the pose of the person, the light
 of a strip.
+
+No core: it writes files and asks a service.
 """
 
 import asyncio

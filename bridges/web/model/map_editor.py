@@ -1,6 +1,8 @@
 """The map in the plan editor of pages: read, checked and saved.
 
 The page's process reads and writes the file at the path that `pui` has, so both run on one machine.
+
+No core: it reads and writes a file.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""People present, and what this server publishes for them: presses, words, wrist samples, poses."""
+"""People present, and what this server publishes for them: presses, words, wrist samples, poses.
+
+No core: it publishes for people and keeps time.
+"""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,7 @@
-"""Separability of things by pointing, for each square of the floor."""
+"""Separability of things by pointing, for each square of the floor.
+
+No core: it calculates in a thread.
+"""
 
 import asyncio
 import functools

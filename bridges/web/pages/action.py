@@ -1,4 +1,7 @@
-"""An action of this server that pages can request: its row, and the parts of the server that handlers use."""
+"""An action of this server that pages can request: its row, and the parts of the server that handlers use.
+
+No core: its handlers wait for services.
+"""
 
 import asyncio
 import time

@@ -12,6 +12,8 @@
   spoken to the person since the last report, and why nothing is heard; the reply has it in words.
 - `speak`, `{"words": [{"text", "start_s", "end_s", "confidence"}]}`: what the person said. Times are ages of
   onset and end when it is sent, s, so that no clock has to agree.
+
+No core: it publishes for a person.
 """
 
 import time

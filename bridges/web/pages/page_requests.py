@@ -3,6 +3,8 @@
 Requests of the table go to their servers unchanged: `name` is the user where the key has one, `query` has
 the query's fields. Actions of this server stand by subject in `arm_actions.py` and `site_actions.py`, each
 with its model and its handler; `name` is the person.
+
+No core: it waits for services.
 """
 
 import logging

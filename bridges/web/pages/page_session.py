@@ -1,4 +1,7 @@
-"""All open pages, and the websocket of each: woken on changes, sent the status, read within limits."""
+"""All open pages, and the websocket of each: woken on changes, sent the status, read within limits.
+
+No core: it waits for websockets.
+"""
 
 import asyncio
 import contextlib

@@ -11,6 +11,8 @@
 - `set_up_home`: an act at the cards of `pointit home`, a `SetUpHome`, and a `token` of Home Assistant,
   which is stored and goes nowhere else; the reply has the fields of `HomeSetup`, see `model/home_site.py`.
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
+
+No core: it waits for devices and files.
 """
 
 import time

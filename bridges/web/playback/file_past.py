@@ -1,4 +1,7 @@
-"""Playback of a recording file, which is read once for its lanes and an index of states."""
+"""Playback of a recording file, which is read once for its lanes and an index of states.
+
+No core: it reads a file.
+"""
 
 import asyncio
 import bisect

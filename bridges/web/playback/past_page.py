@@ -1,4 +1,7 @@
-"""Pages with a playback: websocket, position and requests of each, and a server of one recording."""
+"""Pages with a playback: websocket, position and requests of each, and a server of one recording.
+
+No core: it waits for websockets.
+"""
 
 import asyncio
 import math

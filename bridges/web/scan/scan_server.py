@@ -6,6 +6,8 @@
   operator's last message, so that none of them keeps it open.
 - `POST /scan`: see `wire`. `GET /scan/map.yaml`: the map of what is known.
 - `GET /scan/room` and `/scan/lights`: what a simulated camera sees, if the configuration has one.
+
+No core: it waits for a websocket.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""One scan of the room: the lights that blink, the views so far, and what the solver makes of them."""
+"""One scan of the room: the lights that blink, the views so far, and what the solver makes of them.
+
+No core: it waits for pictures and lights.
+"""
 
 import asyncio
 import logging

@@ -1,4 +1,7 @@
-"""The solver in a process of its own, so that the site and its pages go on meanwhile."""
+"""The solver in a process of its own, so that the site and its pages go on meanwhile.
+
+No core: it waits for a process.
+"""
 
 import asyncio
 import functools

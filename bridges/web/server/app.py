@@ -1,4 +1,7 @@
-"""The ASGI application of the listeners: paths, checks of requests, and the last minute as a file."""
+"""The ASGI application of the listeners: paths, checks of requests, and the last minute as a file.
+
+No core: it waits for requests.
+"""
 
 import asyncio
 import io

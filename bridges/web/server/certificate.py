@@ -2,6 +2,8 @@
 
 Phones give a page no sensors without TLS. It is self-signed, so browsers warn. Its fingerprint is shown
 beside the QR code for comparison.
+
+No core: it writes files.
 """
 
 import datetime as dt

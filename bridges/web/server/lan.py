@@ -1,4 +1,7 @@
-"""The page in the local network, by HTTPS: this machine's address there, and the second listener."""
+"""The page in the local network, by HTTPS: this machine's address there, and the second listener.
+
+No core: it opens sockets.
+"""
 
 import asyncio
 import datetime as dt

@@ -2,6 +2,8 @@
 
 Every user of a machine sees the arguments of all processes, so the browser is given this file instead of the
 link. Without a terminal, the log names the file.
+
+No core: it writes a file.
 """
 
 import contextlib

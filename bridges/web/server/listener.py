@@ -2,6 +2,8 @@
 
 uvicorn's protocols without its own loop: no signal handlers, no banner, no polling, and closing does not wait
 for clients that have stopped reading.
+
+No core: it waits for connections.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""Metrics server: path and server at which Prometheus reads the metrics of a site."""
+"""Metrics server: path and server at which Prometheus reads the metrics of a site.
+
+No core: it waits for requests.
+"""
 
 import asyncio
 import math

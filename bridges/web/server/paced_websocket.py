@@ -2,6 +2,8 @@
 
 uvicorn stops reading once a message waits for the application. By then it has parsed all that the socket had,
 up to 256 kB or thousands of messages. It never stops for frames that are no messages, such as pings.
+
+No core: it waits for a socket.
 """
 
 import asyncio

@@ -7,6 +7,8 @@
 
 All want the phone's cookie. A phone may move the wrist of its person, be their button, and have them
 localized (`phone_connection`); whatever name it asks for, its own person is meant.
+
+No core: it waits for websockets.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""The link to one wrist by Bluetooth: found by a scan, connected again, watched for silence."""
+"""The link to one wrist by Bluetooth: found by a scan, connected again, watched for silence.
+
+No core: it waits for a radio.
+"""
 
 import asyncio
 import contextlib

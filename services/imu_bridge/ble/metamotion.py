@@ -7,6 +7,8 @@ sends zeros or nothing.
 
 The protocol is written from public byte facts and was tested against a simulated board over a complete
 Bluetooth stack of others, never against a real one.
+
+No core: it waits for a radio.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""Bluetooth adapters: the door to bleak, scans that are shared, and errors as sentences."""
+"""Bluetooth adapters: the door to bleak, scans that are shared, and errors as sentences.
+
+No core: it waits for a radio.
+"""
 
 import asyncio
 import contextlib

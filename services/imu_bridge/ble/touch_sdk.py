@@ -2,6 +2,8 @@
 
 Bytes are those of the maker's public specification. They were tested against the maker's own client and a
 simulated watch over a complete Bluetooth stack of others, never against a real watch.
+
+No core: it waits for a radio.
 """
 
 import asyncio

@@ -8,6 +8,8 @@ Frames may be split over notifications, or several be in one. There is no time i
 Their angles are not used, since they are undefined with the arm straight up; imu-bridge computes the
 orientation. Bytes, rates and battery are those of the maker's example programs and of third parties. They
 were tested against a simulated device over a complete Bluetooth stack of others, never against a real one.
+
+No core: it waits for a radio.
 """
 
 import asyncio

@@ -5,6 +5,8 @@ payload = u32 time in µs, then f32 w, x, y, z; little-endian
 Bytes are those of the maker's archived example server and of third parties that agree with it. They were
 tested against a simulated sensor over a complete Bluetooth stack of others, never against a real one. Its
 button and its rates other than 60 Hz are not supported: their bytes could not be verified.
+
+No core: it waits for a radio.
 """
 
 import struct

@@ -1,4 +1,7 @@
-"""A wrist whose app sends datagrams to a port: one of its senders, checked, watched for silence."""
+"""A wrist whose app sends datagrams to a port: one of its senders, checked, watched for silence.
+
+No core: it waits for datagrams.
+"""
 
 import asyncio
 import ipaddress

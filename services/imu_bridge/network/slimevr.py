@@ -1,4 +1,7 @@
-"""SlimeVR trackers: ESP32 boards, owoTrack, Joy-Con, and all that speaks as they do; and their search."""
+"""SlimeVR trackers: ESP32 boards, owoTrack, Joy-Con, and all that speaks as they do; and their search.
+
+No core: it waits for datagrams.
+"""
 
 import asyncio
 import ipaddress

@@ -1,4 +1,7 @@
-"""A UDP port that is opened again after errors, and a wrist that sends to it."""
+"""A UDP port that is opened again after errors, and a wrist that sends to it.
+
+No core: it waits for datagrams.
+"""
 
 import asyncio
 import contextlib

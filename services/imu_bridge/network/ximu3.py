@@ -1,4 +1,7 @@
-"""An x-IMU3 in the network: messages by UDP, and its announcements."""
+"""An x-IMU3 in the network: messages by UDP, and its announcements.
+
+No core: it waits for datagrams.
+"""
 
 import asyncio
 import json

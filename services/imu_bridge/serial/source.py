@@ -1,4 +1,7 @@
-"""A wrist on a serial port: read in its own thread, recognized, reconnected forever, watched for silence."""
+"""A wrist on a serial port: read in its own thread, recognized, reconnected forever, watched for silence.
+
+No core: it waits for a serial port in a thread.
+"""
 
 import asyncio
 import collections

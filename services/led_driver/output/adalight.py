@@ -1,6 +1,8 @@
 """Output to a controller on a serial port that takes Adalight: an Arduino, or WLED on USB.
 
 A frame is `Ada`, the number of pixels less one (2 bytes), a check byte, and red, green, blue of each pixel.
+
+No core: it writes to a serial port.
 """
 
 from collections.abc import Sequence

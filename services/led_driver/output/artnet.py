@@ -1,4 +1,7 @@
-"""Output to Art-Net nodes: DMX universes over UDP by Art-Net 4, and the search for nodes."""
+"""Output to Art-Net nodes: DMX universes over UDP by Art-Net 4, and the search for nodes.
+
+No core: it waits for datagrams and time.
+"""
 
 import ipaddress
 import struct

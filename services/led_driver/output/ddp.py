@@ -1,6 +1,8 @@
 """Output to WLED and other pixel controllers by DDP, the Distributed Display Protocol.
 
 A packet is flags, sequence, data type, id, offset (4 bytes) and size (2 bytes) of its data, the data.
+
+No core: it sends datagrams.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""Output to receivers of E1.31 (sACN): DMX universes over UDP by ANSI E1.31-2018."""
+"""Output to receivers of E1.31 (sACN): DMX universes over UDP by ANSI E1.31-2018.
+
+No core: it sends datagrams.
+"""
 
 import ipaddress
 import socket

@@ -1,6 +1,8 @@
 """Output to a serial LED expander: channels with parts of strips, their wiring, and UPXL.
 
 A frame is `UPXL`, channel, type, body, CRC-32 (little-endian) of all before.
+
+No core: it writes to a serial port.
 """
 
 import logging

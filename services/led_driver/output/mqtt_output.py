@@ -1,4 +1,7 @@
-"""Output to single lamps on an MQTT broker, and its parameters."""
+"""Output to single lamps on an MQTT broker, and its parameters.
+
+No core: it waits for a broker.
+"""
 
 import asyncio
 import contextlib

@@ -1,4 +1,7 @@
-"""Strips on one controller: map, gamma, current and health, which all protocols share."""
+"""Strips on one controller: map, gamma, current and health, which all protocols share.
+
+No core: it reports the health of a controller and logs.
+"""
 
 import asyncio
 from abc import ABC, abstractmethod

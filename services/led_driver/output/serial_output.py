@@ -1,4 +1,7 @@
-"""Output to a controller on a serial port, at a rate that wire and board can carry."""
+"""Output to a controller on a serial port, at a rate that wire and board can carry.
+
+No core: it waits for a serial port.
+"""
 
 import threading
 import time

@@ -5,6 +5,8 @@ head. At pan 0 and tilt 0, the middles of both ranges, the beam leaves along z. 
 then about z.
 
 Pure: calls pass the time.
+
+No core: it sends datagrams at its own times.
 """
 
 import asyncio

@@ -1,4 +1,7 @@
-"""Outputs in the network by UDP: the newest frame, resent, ended dark; pixels alone or in DMX universes."""
+"""Outputs in the network by UDP: the newest frame, resent, ended dark; pixels alone or in DMX universes.
+
+No core: it sends datagrams at its own times.
+"""
 
 import asyncio
 import contextlib

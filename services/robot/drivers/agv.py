@@ -1,4 +1,7 @@
-"""One AGV by VDA 5050: what it says, its parameters, and the messages to it."""
+"""One AGV by VDA 5050: what it says, its parameters, and the messages to it.
+
+No core: it sends messages of a broker.
+"""
 
 import math
 from collections.abc import Callable

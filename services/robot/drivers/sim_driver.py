@@ -1,4 +1,7 @@
-"""The driver of simulated robots: they move by the clock, in any speed of it."""
+"""The driver of simulated robots: they move by the clock, in any speed of it.
+
+No core: it moves by the clock.
+"""
 
 import math
 import zlib

@@ -1,4 +1,7 @@
-"""Driver of AGVs by VDA 5050: the connection to a broker, and the search for AGVs."""
+"""Driver of AGVs by VDA 5050: the connection to a broker, and the search for AGVs.
+
+No core: it waits for a broker.
+"""
 
 import asyncio
 import contextlib

@@ -39,6 +39,7 @@ MODULES = (
     *(ROOT / "docs").rglob("*.py"),
     *(ROOT / "examples").rglob("*.py"),
     *(ROOT / "bridges/web/client/src").rglob("*.ts"),
+    *(ROOT / "bridges/web/client/src").rglob("*.tsx"),
 )
 documents = pytest.mark.parametrize(
     "path", [pytest.param(path, id=str(path.relative_to(ROOT))) for path in DOCUMENTS]
@@ -155,7 +156,7 @@ WAVE = ("wave",)
 """The command of another package in a how-to."""
 KNOWN = {WAVE, *PATHS, *LAB, *(("service", "run", name) for name in SERVICES)}
 GROUPS = {file[:-1] for file in KNOWN}
-SUFFIXES = {"", ".json", ".md", ".py", ".sh", ".toml", ".ts", ".yaml", ".yml"}
+SUFFIXES = {"", ".json", ".md", ".py", ".sh", ".toml", ".ts", ".tsx", ".yaml", ".yml"}
 FOLDERS = (
     *(".github", "bridges", "deploy", "docs", "examples", "lab", "schemas", "scripts"),
     *("pointit", "services", "tests"),

@@ -43,6 +43,11 @@ const ALLOWED = new Map([
   ["/SwiftShader|llvmpipe|softpipe|Software|Basic Render/i", "the browser's name of its renderer"],
 ]);
 
+/** Whether a file is a source of the page, not a test. */
+function isSource(file) {
+  return /\.tsx?$/.test(file) && !/\.test\.tsx?$/.test(file);
+}
+
 /** Whether the expression is a sentence by its name. */
 function isSentence(node) {
   if (ts.isPropertyAccessExpression(node)) return SENTENCES.has(node.name.text);
@@ -68,9 +73,7 @@ function readsIn(file, text) {
 }
 
 test("no code reads a sentence that a field should tell", () => {
-  const files = readdirSync(SOURCE, { recursive: true }).filter(
-    (file) => file.endsWith(".ts") && !file.endsWith(".test.ts"),
-  );
+  const files = readdirSync(SOURCE, { recursive: true }).filter(isSource);
   assert.ok(files.length > 100);
   const found = files.flatMap((file) =>
     readsIn(file, readFileSync(join(SOURCE, file), "utf8")).map((source) => [source, file]),
@@ -106,9 +109,7 @@ test("no scenario that comes with PointIt is known by name", () => {
     file.replace(/\.yaml$/, ""),
   );
   assert.ok(names.includes("scenario_4"));
-  const files = readdirSync(SOURCE, { recursive: true }).filter(
-    (file) => file.endsWith(".ts") && !file.endsWith(".test.ts"),
-  );
+  const files = readdirSync(SOURCE, { recursive: true }).filter(isSource);
   const found = files.flatMap((file) =>
     names
       .filter((name) => readFileSync(join(SOURCE, file), "utf8").includes(name))

@@ -1,4 +1,4 @@
-// Bundles every src/**/*.test.ts, and runs it and the rules of the sources (*.test.mjs here) with `node --test`.
+// Bundles every src/**/*.test.ts(x), and runs it and the rules of the sources (*.test.mjs here) with `node --test`.
 import { build } from "esbuild";
 import { mkdtempSync, readdirSync, rmSync } from "node:fs";
 import { spawnSync } from "node:child_process";
@@ -8,7 +8,7 @@ import { fileURLToPath } from "node:url";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const tests = readdirSync(join(here, "src"), { recursive: true })
-  .filter((file) => file.endsWith(".test.ts"))
+  .filter((file) => /\.test\.tsx?$/.test(file))
   .sort();
 const rules = readdirSync(here)
   .filter((file) => file.endsWith(".test.mjs"))
@@ -29,7 +29,7 @@ try {
     process.execPath,
     [
       "--test",
-      ...tests.map((file) => join(out, file.replace(/\.ts$/, ".mjs"))),
+      ...tests.map((file) => join(out, file.replace(/\.tsx?$/, ".mjs"))),
       ...rules.map((file) => join(here, file)),
     ],
     { stdio: "inherit" },

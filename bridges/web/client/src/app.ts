@@ -14,22 +14,22 @@ import { makeGuide } from "./guide";
 import { makeHelp } from "./help";
 import { listen, type Shortcut } from "./keys";
 import { Mouse } from "./mouse";
+import { healthPart } from "./health/health";
 import { beltsPart } from "./panel/belts";
 import { mapPart } from "./edit/map_part";
-import { healthPart } from "./panel/health";
 import { makeLook } from "./panel/look";
 import { messagesPart } from "./panel/messages";
-import { moverPart } from "./panel/mover";
 import { nowPart, personPart } from "./panel/now";
 import { pairingDialog } from "./panel/pairing";
 import { makePanel } from "./panel/panel";
-import { peoplePart } from "./panel/people";
 import { robotsPart, stopAll } from "./panel/robots";
 import { speechPart } from "./panel/speech";
 import { thingsPart } from "./panel/things";
 import { tuningPart } from "./panel/tuning";
 import { mapRoomPart } from "./panel/map_room";
 import { makeTimeline } from "./past/timeline";
+import { peoplePart } from "./people/people";
+import { whoPointsPart } from "./people/who_points";
 import { makeScenario } from "./scenario";
 import { isCutOff, outage } from "./outage";
 import { makeRunEnd } from "./run";
@@ -142,7 +142,7 @@ const panel = makePanel(at("panel"), controls, [
     icon: "sliders",
     parts: [
       personPart(controls),
-      moverPart(controls, mouse, pairing),
+      whoPointsPart(controls, mouse, pairing),
       nowPart(controls),
       thingsPart(controls),
       robotsPart(controls),

@@ -21,7 +21,7 @@ export interface Choice {
 
 let groups = 0;
 /** Time (ms) for which a new choice is shown before the value in use replaces it. */
-const HOLD_MS = 1500;
+export const HOLD_MS = 1500;
 
 /** Characters of a label that four columns have room for, three, or two; an icon or a swatch takes as much as three. */
 const ROOM = [

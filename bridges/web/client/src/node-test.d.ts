@@ -17,6 +17,7 @@ declare module "node:assert/strict" {
     notEqual(found: unknown, expected: unknown, message?: string): void;
     deepEqual(found: unknown, expected: unknown, message?: string): void;
     match(found: string, expected: RegExp, message?: string): void;
+    doesNotMatch(found: string, expected: RegExp, message?: string): void;
     throws(run: () => unknown, expected?: RegExp): void;
     rejects(run: Promise<unknown> | (() => Promise<unknown>), expected?: RegExp): Promise<void>;
   }

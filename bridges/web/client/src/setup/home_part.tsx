@@ -2,11 +2,12 @@
 
 import "./setup.css";
 import type { Controls } from "../controls";
-import { el, icon, section, show, write } from "../dom";
 import type { HomeSetup } from "../messages";
 import type { Pairing } from "../panel/pairing";
 import type { PanelPart } from "../panel/panel_part";
 import type { Panel } from "../panel/panel";
+import { Button } from "../ui/elements";
+import { componentPart } from "../ui/part";
 import type { SetupCards } from "./setup_cards";
 
 const CARDS: readonly (readonly [HomeSetup["step"], string])[] = [
@@ -19,18 +20,13 @@ const CARDS: readonly (readonly [HomeSetup["step"], string])[] = [
 
 /** @param panel for the devices of its tab *Set up*. */
 export function homePart(controls: Controls, pairing: Pairing, panel: () => Panel): PanelPart {
-  const state = el("p", { className: "muted" });
-  const buttons = CARDS.map(([step, name]) =>
-    el(
-      "button",
-      { type: "button", onclick: () => void cards?.go(step) },
-      icon("map"),
-      el("span", { text: name }),
-    ),
-  );
-  const element = section("Home", state, el("div", { className: "pairs" }, ...buttons));
+  const { site } = controls;
   let cards: SetupCards | null = null;
   let isLoading = false;
+  const isThere = (): boolean => (site.hello?.home ?? false) && site.timeline === null; // also while the connection is lost
+  const part = componentPart("Home", isThere, () => (
+    <Home added={cards?.added ?? []} open={(step) => void cards?.go(step)} />
+  ));
 
   async function load(): Promise<void> {
     isLoading = true;
@@ -40,19 +36,31 @@ export function homePart(controls: Controls, pairing: Pairing, panel: () => Pane
   }
 
   return {
-    element,
+    element: part.element,
     update() {
-      const has = (controls.site.hello?.home ?? false) && controls.site.timeline === null; // also while the connection is lost
-      show(element, has);
-      if (has && !cards && !isLoading) void load();
-      cards?.update(has);
-      const added = cards?.added ?? [];
-      write(
-        state,
-        added.length
-          ? `New lamps: ${added.join(", ")}. Choose lamps to point at them.`
-          : "Each card can be opened again.",
-      );
+      if (isThere() && !cards && !isLoading) void load();
+      cards?.update(isThere());
+      part.update();
     },
   };
+}
+
+interface HomeProps {
+  /** Names of lamps that have come since the last choice. */
+  added: readonly string[];
+  open(step: HomeSetup["step"]): void;
+}
+
+function Home({ added, open }: HomeProps) {
+  const news = `New lamps: ${added.join(", ")}. Choose lamps to point at them.`;
+  return (
+    <>
+      <p class="muted">{added.length ? news : "Each card can be opened again."}</p>
+      <div class="pairs">
+        {CARDS.map(([step, name]) => (
+          <Button name={name} key={step} icon="map" onClick={() => open(step)} />
+        ))}
+      </div>
+    </>
+  );
 }

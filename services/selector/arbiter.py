@@ -253,7 +253,6 @@ class Arbiter:
                 at_ns,
                 cause=cause,
                 confidence=claim.confidence,
-                mode=self._positions.mode(object_id),
             )
         if not change.is_refused:
             self._reservations.free(object_id)
@@ -545,7 +544,6 @@ class Arbiter:
             user,
             now_ns,
             cause="",
-            mode=tracked.mode,
             reason=RESTORED if query.is_restored else "",
         )
         return self._publish(user, [change], now_ns)

@@ -60,6 +60,7 @@ class Ledger:
         self,
         is_gone: Callable[[str, int], bool],
         too_late: Callable[[str, int], str] = lambda _object_id, _now_ns: "",
+        mode: Callable[[str], ThingMode] = lambda _object_id: "claim",
         *,
         undo_steps: int = 20,
     ) -> None:
@@ -68,10 +69,12 @@ class Ledger:
         Args:
             is_gone: returns True if a person has gone at a time, ns.
             too_late: returns the reason for which an object cannot be (de)selected at a time, or `""`.
+            mode: returns the effect of selecting an object.
             undo_steps: number of steps to remember per person.
         """
         self._is_gone = is_gone
         self._too_late = too_late
+        self._mode = mode
         self._undo_steps = undo_steps
         self._entries: dict[str, Owned] = {}
         self._steps: dict[str, deque[list[ObjectChange]]] = {}
@@ -128,18 +131,17 @@ class Ledger:
         *,
         cause: Cause = "dwell",
         confidence: float | None = None,
-        mode: ThingMode = "claim",
         reason: str = "",
     ) -> ObjectChange:
-        """Select or deselect `object_id` for `user`. What a button started cannot be undone.
+        """Select or deselect `object_id` for `user`.
 
-        Refused if it belongs to another person who is present, unless anybody may change it in its `mode`.
+        Refused if it belongs to another person who is present, unless anybody may change it in its mode.
         `reason`: in the record of the change.
         """
         # Refuse what belongs to another person, or is decided
         entry = self._entries.get(object_id)
         owner = ""
-        if mode == "claim":
+        if self._mode(object_id) == "claim":
             owner = self.blocking_owner(object_id, user, now_ns)
         if entry is not None and owner:
             owned_kind = entry.kind or "object"
@@ -151,17 +153,14 @@ class Ledger:
                 object_id, kind, user, now_ns, cause=cause, reason=refusal, confidence=confidence
             )
 
-        # The step is remembered for `undo`, with one exception: an act of a button cannot be taken back
         if entry is not None:
             change = self._change(
                 object_id, None, user, now_ns, cause=cause, confidence=confidence, reason=reason
             )
-            self._remember(user, [change])
-            return change
-        after = Owned(user, kind, now_ns, confidence)
-        change = self._change(object_id, after, user, now_ns, cause=cause, reason=reason)
-        if mode != "button":
-            self._remember(user, [change])
+        else:
+            after = Owned(user, kind, now_ns, confidence)
+            change = self._change(object_id, after, user, now_ns, cause=cause, reason=reason)
+        self._remember(user, [change])
         return change
 
     def follow(self, object_id: str, kind: str, user: str, now_ns: int, *, reason: str = "") -> ObjectChange:
@@ -269,7 +268,9 @@ class Ledger:
         return ObjectChange(object_id, before=entry, after=entry, records=(record,))
 
     def _is_in_effect(self, change: ObjectChange, present: Container[str]) -> bool:
-        """Return True if nothing has changed the owner of its object since `change`."""
+        """Return True if `change` can be undone: nothing has changed the owner of its object since."""
+        if self._mode(change.object_id) == "button":  # the map has made it one since
+            return False
         entry = self._entries.get(change.object_id)
         if change.after is None:
             return entry is None and change.object_id in present
@@ -296,11 +297,16 @@ class Ledger:
         return self.refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
 
     def _remember(self, user: str, step: list[ObjectChange]) -> None:
-        """Store a step for `undo`. Its changes are of different objects, so their order has no effect."""
-        if not step:
+        """Store a step for `undo`. Its changes are of different objects, so their order has no effect.
+
+        Those of buttons are not stored: what a button started cannot be undone, and to undo its end would
+        fire it again.
+        """
+        undoable = [change for change in step if self._mode(change.object_id) != "button"]
+        if not undoable:
             return
         steps = self._steps.setdefault(user, deque(maxlen=self._undo_steps))
-        steps.append(step)
+        steps.append(undoable)
 
     def _change(
         self, object_id: str, after: Owned | None, user: str, now_ns: int, **why: Unpack[Why]
@@ -346,7 +352,7 @@ class Ownership:
         )
         self.presences = UserPresence(config.ownerless_after_s)
         self.acts = Acts()
-        self.ledger = Ledger(self.presences.is_gone, self.refusal)
+        self.ledger = Ledger(self.presences.is_gone, self.refusal, self.positions.mode)
         self.reservations = Reservations(config.reserve_s)
 
     def is_selected(self, object_id: str | None) -> bool:

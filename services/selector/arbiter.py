@@ -339,7 +339,7 @@ class Arbiter:
 
         # It would have another effect than the person has seen
         has_other_effect = claim.action is not None and claim.action != action
-        if has_other_effect or claim.stamp_ns < self._ledger.changed_ns(claim.object_id):
+        if has_other_effect or claim.stamp_ns <= self._ledger.changed_ns(claim.object_id):
             status = "selected" if self._ownership.is_selected(claim.object_id) else "deselected"
             return f"{kind} was {status} in the meantime: point again to change that"
         return ""
@@ -422,8 +422,7 @@ class Arbiter:
         if not act.is_newest or self._positions.mode(object_id) == "button":
             return []
         _code, text = act.problem
-        after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
-        record = self._ledger.take_back(act.record, after_ns, f"{NOT_DONE}{text}")
+        record = self._ledger.take_back(act.record, now_ns, f"{NOT_DONE}{text}")
         if record is None:
             return []
         # targets that have done it, or may do it yet, go back, too

@@ -1,6 +1,6 @@
 """Owners and reservations of objects, the effect of staying on one, and undo."""
 
-import dataclasses
+import functools
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
@@ -16,6 +16,12 @@ from pointit.services.selector.selection_publisher import Action, Cause, Event, 
 
 MAX_RELEASED = 100
 """Limit of deselected objects whose last owner is remembered."""
+MAX_STAMPED = 10_000
+"""Limit of objects whose last change is remembered. More than a site can track."""
+
+
+MakeOwner = Callable[[int], Owned]
+"""Returns the owner that an object gets by an event, given the stamp of the event, ns."""
 
 
 class Why(TypedDict, total=False):
@@ -78,8 +84,10 @@ class Ledger:
         self._undo_steps = undo_steps
         self._entries: dict[str, Owned] = {}
         self._steps: dict[str, deque[list[ObjectChange]]] = {}
-        self._released: dict[str, tuple[Owned, int]] = {}
-        """Entries of the objects deselected last, with the time, ns."""
+        self._released: dict[str, Owned] = {}
+        """Entries of the objects deselected last."""
+        self._stamps_ns: dict[str, int] = {}
+        """Stamp of the last event of each object, the one that changed longest ago first, ns."""
 
     @property
     def entries(self) -> Mapping[str, Owned]:
@@ -109,14 +117,9 @@ class Ledger:
 
     def changed_ns(self, object_id: str) -> int:
         """Return the time of the last change of `object_id`, ns. 0 if none is known."""
+        stamp_ns = self._stamps_ns.get(object_id, 0)
         entry = self._entries.get(object_id)
-        if entry is not None:
-            return entry.since_ns
-        released = self._released.get(object_id)
-        if released is None:
-            return 0
-        _entry, released_ns = released
-        return released_ns
+        return stamp_ns if entry is None else max(stamp_ns, entry.since_ns)
 
     def restore(self, entries: Mapping[str, Owned]) -> None:
         """Replace the selected objects by `entries`."""
@@ -158,15 +161,17 @@ class Ledger:
                 object_id, None, user, now_ns, cause=cause, confidence=confidence, reason=reason
             )
         else:
-            after = Owned(user, kind, now_ns, confidence)
-            change = self._change(object_id, after, user, now_ns, cause=cause, reason=reason)
+            make_owner = functools.partial(Owned, user, kind, confidence=confidence)
+            change = self._change(object_id, make_owner, user, now_ns, cause=cause, reason=reason)
         self._remember(user, [change])
         return change
 
     def follow(self, object_id: str, kind: str, user: str, now_ns: int, *, reason: str = "") -> ObjectChange:
         """Select or deselect an object as its target has it, which nobody can undo."""
-        after = None if object_id in self._entries else Owned(user, kind, now_ns)
-        return self._change(object_id, after, user, now_ns, cause="", reason=reason)
+        make_owner: MakeOwner | None = None
+        if object_id not in self._entries:
+            make_owner = functools.partial(Owned, user, kind)
+        return self._change(object_id, make_owner, user, now_ns, cause="", reason=reason)
 
     def end(self, object_id: str, now_ns: int) -> Record:
         """Deselect a selected object by itself, as a button that was shown for long enough."""
@@ -201,16 +206,16 @@ class Ledger:
         before = self._entries.get(object_id)
         if before is None:
             return None
-        after: Owned | None = None
+        make_owner: MakeOwner | None = None
         if take_over:
             if before.user == user:
                 return None
-            after = Owned(user, before.kind, now_ns)
+            make_owner = functools.partial(Owned, user, before.kind)
         else:
             reason = self._too_late(object_id, now_ns)
             if reason:
                 return self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)
-        change = self._change(object_id, after, user, now_ns, cause="release")
+        change = self._change(object_id, make_owner, user, now_ns, cause="release")
         self._remember(user, [change])
         return change
 
@@ -232,7 +237,10 @@ class Ledger:
             # a take-over is undone at any time, as it does not change the object's bay
             if change.is_switched and self._too_late(change.object_id, now_ns):
                 continue
-            undone.append(self._change(change.object_id, change.before, user, now_ns, cause="undo"))
+            make_owner: MakeOwner | None = None
+            if change.before is not None:
+                make_owner = functools.partial(_earlier_owner, change.before)
+            undone.append(self._change(change.object_id, make_owner, user, now_ns, cause="undo"))
         return undone or [self._refuse_undo(step[0], user, now_ns, present)]
 
     def drop(self, object_ids: Iterable[str], now_ns: int, reason: str = "") -> list[Record]:
@@ -254,11 +262,9 @@ class Ledger:
             return self._deselect(object_id, entry.user, now_ns, cause="", reason=reason)
 
         # It was deselected, so its last owner has it again, as far as that is remembered
-        released_entry = Owned(record.owner, record.kind, 0)
-        if object_id in self._released:
-            released_entry, _released_ns = self._released[object_id]
-        owned = dataclasses.replace(released_entry, since_ns=now_ns)
-        return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
+        released = self._released.get(object_id, Owned(record.owner, record.kind, 0))
+        make_owner = functools.partial(Owned, released.user, released.kind, confidence=released.confidence)
+        return self._select(object_id, make_owner, released.user, now_ns, cause="", reason=reason)
 
     def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> ObjectChange:
         """Return the refusal of an action, and change nothing."""
@@ -309,30 +315,60 @@ class Ledger:
         steps.append(undoable)
 
     def _change(
-        self, object_id: str, after: Owned | None, user: str, now_ns: int, **why: Unpack[Why]
+        self,
+        object_id: str,
+        make_owner: MakeOwner | None,
+        user: str,
+        now_ns: int,
+        **why: Unpack[Why],
     ) -> ObjectChange:
-        """Give `object_id` the owner `after`, or none. The caller has checked that this may be done."""
+        """Give `object_id` a new owner, or none. The caller has checked that this may be done."""
         before = self._entries.get(object_id)
         records: list[Record] = []
         if before is not None:
             records.append(self._deselect(object_id, user, now_ns, **why))
-        if after is not None:
-            records.append(self._select(object_id, after, user, now_ns, **why))
+        if make_owner is not None:
+            records.append(self._select(object_id, make_owner, user, now_ns, **why))
+        after = self._entries.get(object_id)
         return ObjectChange(object_id, before=before, after=after, records=tuple(records))
 
-    def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+    def _select(
+        self, object_id: str, make_owner: MakeOwner, user: str, now_ns: int, **why: Unpack[Why]
+    ) -> Record:
+        stamp_ns = self._next_stamp_ns(object_id, now_ns)
+        entry = make_owner(stamp_ns)
         self._entries[object_id] = entry
         self._released.pop(object_id, None)
         why["confidence"] = entry.confidence
-        return _record("selected", object_id, entry, user, now_ns, **why)
+        return _record("selected", object_id, entry, user, stamp_ns, **why)
 
     def _deselect(self, object_id: str, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+        stamp_ns = self._next_stamp_ns(object_id, now_ns)
         entry = self._entries.pop(object_id)
-        self._released[object_id] = entry, now_ns
+        self._released[object_id] = entry
         if len(self._released) > MAX_RELEASED:
             oldest_id = next(iter(self._released))
             del self._released[oldest_id]
-        return _record("deselected", object_id, entry, user, now_ns, **why)
+        return _record("deselected", object_id, entry, user, stamp_ns, **why)
+
+    def _next_stamp_ns(self, object_id: str, now_ns: int) -> int:
+        """Return the stamp of the next event of `object_id`: `now_ns`, but later than its last event.
+
+        Object and stamp are the number of an act, so no two events share them. Clocks do not grow between
+        any two events: some are coarse, some are set back, and those of shards are of other machines.
+        """
+        stamp_ns = max(now_ns, self.changed_ns(object_id) + 1)
+        self._stamps_ns.pop(object_id, None)  # append
+        self._stamps_ns[object_id] = stamp_ns
+        if len(self._stamps_ns) > MAX_STAMPED:
+            oldest_id = next(iter(self._stamps_ns))
+            del self._stamps_ns[oldest_id]
+        return stamp_ns
+
+
+def _earlier_owner(owned: Owned, _stamp_ns: int) -> Owned:
+    """Return `owned`, which has its object since it had it first."""
+    return owned
 
 
 def _record(event: Event, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:

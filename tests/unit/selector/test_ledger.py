@@ -108,7 +108,7 @@ def test_take_over_is_one_change_that_switches_nothing() -> None:
     assert not taken.is_switched
     assert events([taken]) == [("deselected", "a"), ("selected", "a")]
     assert [record.owner for record in taken.records] == ["anna", "ben"]
-    assert selected(kept) == {"a": ("ben", 5)}
+    assert selected(kept) == {"a": ("ben", 6)}, "its two events have stamps of their own"
 
 
 def test_takeover_can_be_undone_when_the_bay_is_decided() -> None:
@@ -133,3 +133,47 @@ def test_undo_of_a_take_over_works_while_the_tracker_flickers() -> None:
     kept.undo("ben", 3, present=frozenset())
 
     assert selected(kept) == {"a": ("anna", 1)}
+
+
+ACTIONS = ("toggle", "follow", "clear", "release", "take over", "undo")
+"""Actions that change the owner of objects."""
+
+
+def act(kept: Ledger, action: str, object_id: str, user: str, now_ns: int) -> list[ObjectChange]:
+    if action == "toggle":
+        return [kept.toggle(object_id, "red", user, now_ns)]
+    if action == "follow":
+        return [kept.follow(object_id, "red", user, now_ns)]
+    if action == "clear":
+        return kept.clear(user, now_ns)
+    if action == "undo":
+        return kept.undo(user, now_ns, HERE)
+    change = kept.release(object_id, user, now_ns, take_over=action == "take over")
+    return [] if change is None else [change]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(ACTIONS),
+            st.sampled_from("ab"),
+            st.sampled_from(["anna", "ben"]),
+            st.sampled_from([0, 0, 0, 1, -5]),
+        ),
+        max_size=40,
+    )
+)
+def test_events_of_an_object_have_growing_stamps_by_any_clock(
+    actions: list[tuple[str, str, str, int]],
+) -> None:
+    kept = ledger()
+    stamps_ns: dict[str, list[int]] = {"a": [], "b": []}
+    now_ns = 100
+    for action, object_id, user, step_ns in actions:
+        now_ns += step_ns  # most of the time the clock stands, and sometimes it is set back
+        for change in act(kept, action, object_id, user, now_ns):
+            if not change.is_refused:
+                stamps_ns[change.object_id] += [record.stamp_ns for record in change.records]
+
+    for stamps in stamps_ns.values():
+        assert stamps == sorted(set(stamps))

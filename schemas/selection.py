@@ -190,6 +190,8 @@ class ThingStates(Message):
 class ActOutcome(Message):
     """Result of an act by all its carriers. People are told of success only after it."""
 
+    version: ClassVar[int] = 2
+
     event: Literal["selected", "deselected"]
     object_id: Id
     kind: Id = ""
@@ -198,3 +200,7 @@ class ActOutcome(Message):
     result: ResultKind
     code: FailureCode = ""
     text: str = ""
+    is_repeated: Annotated[
+        bool,
+        Field(description="told again after a restart of the selector: it may have been told before"),
+    ] = False

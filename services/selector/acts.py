@@ -16,7 +16,8 @@ DEFAULT_LIMIT_S = 5.0
 """Limit of an act whose carriers are not known yet, s."""
 MAX_ABSENCE_NS = 60 * NS_PER_S
 """Time after which a carrier that has ended without taking leave is forgotten, ns."""
-
+MAX_AWAITED_NS = 2 * NS_PER_S
+"""Time for which acts wait for a carrier of which not all is known, ns. A round trip to it takes less."""
 
 MAX_LATE_NS = 10 * NS_PER_S
 """Time by which a report of a carrier may be overtaken by its next one, ns."""
@@ -79,6 +80,12 @@ class PendingAct:
 @dataclass
 class _Carrier:
     states: dict[str, ThingState] = field(default_factory=dict[str, ThingState])
+    has_reported: bool = False
+    """True if it has reported `states` in this life of it. False if they are those of before."""
+    is_awaited: bool = True
+    """True until it is known whether it runs, and what its states are; for `MAX_AWAITED_NS` at most."""
+    awaited_ns: int = 0
+    """Time of the first check in which it was awaited, ns. 0 if there was none."""
     newest_ns: dict[str, int] = field(default_factory=dict[str, int])
     """Stamp of the newest report of each thing, a result or a state. Older ones are out of date."""
     is_present: bool | None = None
@@ -107,6 +114,27 @@ class Acts:
         """By object and stamp of the event."""
         self._checked_ns = 0
         """Time of the last check, ns."""
+        self.carried: frozenset[tuple[str, str]] = frozenset()
+        """Things and their carriers, also of those that have ended and are not forgotten yet."""
+
+    def expect(self, carried: Iterable[tuple[str, str]]) -> None:
+        """Wait for the carriers that had these things before a restart, which have not been received yet."""
+        for thing, name in carried:
+            carrier = self._carriers.setdefault(name, _Carrier())
+            carrier.states[thing] = ThingState(id=thing)
+        self._note_carried()
+
+    @property
+    def is_awaiting(self) -> bool:
+        """Return True if it is not known yet of all carriers whether they run, and what their states are."""
+        return any(carrier.is_awaited for carrier in self._carriers.values())
+
+    def is_awaited(self, object_id: str) -> bool:
+        """Return True if the object has a carrier of which this is not known yet."""
+        for carrier in self._carriers.values():
+            if carrier.is_awaited and object_id in carrier.states:
+                return True
+        return False
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
@@ -119,7 +147,11 @@ class Acts:
         """Return the reason for which an act on the object would fail now, or `""`."""
         for name, carrier in self._carriers.items():
             state = carrier.states.get(object_id)
-            if state is None or not _is_act(event, mode, state):
+            if state is None:
+                continue
+            if carrier.is_awaited:
+                return f"whether {name} runs is not known yet: try again in a second"
+            if not _is_act(event, mode, state):
                 continue
             reason = self._refusal_reason(name, carrier, state)
             if reason:
@@ -225,6 +257,10 @@ class Acts:
                 new_state = previous_states.get(state.id, state)
             new_states[state.id] = new_state
         known_carrier.states = new_states
+        known_carrier.has_reported = True
+        if known_carrier.is_present:
+            known_carrier.is_awaited = False
+        self._note_carried()
         known_carrier.newest_ns = {name: known_carrier.newest_ns[name] for name in new_states}
         return {name for name, state in previous_states.items() if state.state in ("on", "off")}
 
@@ -233,10 +269,16 @@ class Acts:
         known_carrier = self._carriers.setdefault(carrier, _Carrier())
         known_carrier.is_present = present
         known_carrier.newest_ns.clear()
+        known_carrier.awaited_ns = 0
         if present:
+            known_carrier.is_awaited = not known_carrier.has_reported
+            self._note_carried()
             return []
+        known_carrier.is_awaited = False
+        known_carrier.has_reported = False
         if not known_carrier.states:  # it took leave
             del self._carriers[carrier]
+        self._note_carried()
 
         # What it had to do has failed, at once or when the last of the others has reported
         text = f"{carrier} has ended before it was done: start it again"
@@ -283,25 +325,44 @@ class Acts:
 
     def _follow_clock(self, now_ns: int, speed: float) -> None:
         """Move the times of what runs with a clock that was set, or that stood still meanwhile."""
+        is_first = self._checked_ns == 0
         passed_ns = now_ns - self._checked_ns
-        if not 0 <= passed_ns <= MAX_LATE_NS * speed:
+        if not is_first and not 0 <= passed_ns <= MAX_LATE_NS * speed:
             for act in self._pending.values():
                 if act.began_ns:
                     act.began_ns += passed_ns
             for carrier in self._carriers.values():
                 if carrier.absent_ns:
                     carrier.absent_ns += passed_ns
+                if carrier.awaited_ns:
+                    carrier.awaited_ns += passed_ns
         self._checked_ns = now_ns
 
     def forget_absent(self, now_ns: int) -> None:
-        """Forget the carriers that have been absent for `MAX_ABSENCE_NS`."""
+        """Wait no longer for carriers that do not come. Forget those absent for `MAX_ABSENCE_NS`."""
         for name, carrier in list(self._carriers.items()):
+            if carrier.is_awaited:
+                carrier.awaited_ns = carrier.awaited_ns or now_ns
+                if now_ns - carrier.awaited_ns > MAX_AWAITED_NS:
+                    carrier.is_awaited = False
+                    if carrier.is_present is None and not carrier.has_reported:  # it ended meanwhile
+                        carrier.is_present = False
             if carrier.is_present:
                 carrier.absent_ns = 0
                 continue
             carrier.absent_ns = carrier.absent_ns or now_ns
             if now_ns - carrier.absent_ns > MAX_ABSENCE_NS:
                 del self._carriers[name]
+                self._note_carried()
+
+    def _note_carried(self) -> None:
+        carried: set[tuple[str, str]] = set()
+        for name, carrier in self._carriers.items():
+            if carrier.is_present is None and carrier.has_reported:  # perhaps a retained state of a dead one
+                continue
+            carried.update((thing, name) for thing in carrier.states)
+        if carried != self.carried:
+            self.carried = frozenset(carried)
 
     def reported(self) -> Iterable[tuple[str, str, bool]]:
         """Return thing, carrier and state of all things without an act under way whose targets agree."""

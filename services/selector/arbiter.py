@@ -1,11 +1,12 @@
 """Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import (
     NS_PER_S,
+    ActOutcome,
     ActResult,
     Claim,
     ConveyorState,
@@ -16,6 +17,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
 from pointit.services.selector.acts import PendingAct
+from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.object_positions import OWN, Departures
 from pointit.services.selector.ownership import ObjectChange, Ownership
@@ -27,15 +29,6 @@ from pointit.services.selector.selection_publisher import (
     Record,
     SelectionPublisher,
 )
-
-MAX_CLAIMS = 10
-"""Maximum claims of a kind per person and second: nobody points at more objects."""
-
-WARNING_NS = 10 * NS_PER_S
-"""Time for which a warning names people who claimed more, ns."""
-
-MAX_NAMED = 5
-"""Maximum number of people whom the warning names."""
 
 MAX_CLAIM_AGE_NS = 5 * NS_PER_S
 """Claims of shards that are older are refused: the person has gone on since, ns of the wall."""
@@ -53,38 +46,6 @@ SHOWN_NS = 600_000_000
 
 MIN_PERIOD_NS = 50_000_000
 """Minimum time between selections that only claims to reservations have changed, ns."""
-
-
-class ClaimBudget:
-    """Counts the claims of each person in the current second."""
-
-    def __init__(self) -> None:
-        self._second = 0
-        self._claimed: Counter[tuple[str, str]] = Counter()
-        self._exceeded: dict[str, int] = {}
-
-    def allows(self, user: str, claim: Claim, now_ns: int) -> bool:
-        """Count a claim. Return False if it is one too many."""
-        second = now_ns // NS_PER_S
-        if second != self._second:
-            self._second = second
-            self._claimed.clear()
-        self._claimed[user, claim.wish] += 1
-        if self._claimed[user, claim.wish] <= MAX_CLAIMS:
-            return True
-        if user in self._exceeded or len(self._exceeded) < MAX_NAMED:
-            self._exceeded[user] = now_ns
-        return False
-
-    def problem(self, now_ns: int) -> str:
-        """Return a warning about people who have claimed too much recently, or `""`."""
-        for user, exceeded_ns in list(self._exceeded.items()):
-            if now_ns - exceeded_ns >= WARNING_NS:
-                del self._exceeded[user]
-        if not self._exceeded:
-            return ""
-        names = ", ".join(sorted(self._exceeded))
-        return f"more than {MAX_CLAIMS} claims a second of {names} are ignored: check their selector"
 
 
 class Arbiter:
@@ -150,8 +111,10 @@ class Arbiter:
         entries: Mapping[str, Owned],
         events: int,
         now_ns: int,
+        *,
         decided: Iterable[tuple[str, int]] = (),
         pending: Iterable[tuple[Record, bool]] = (),
+        carried: Iterable[tuple[str, str]] = (),
     ) -> None:
         """Restore what was selected before a restart, and wait for the results of acts.
 
@@ -161,6 +124,7 @@ class Arbiter:
             now_ns: time, ns.
             decided: persons and stamps of the last claims, which may come again.
             pending: events whose result was not reported, and whether each is the last one of its object.
+            carried: things and their carriers, for which acts wait.
         """
         self._ledger.restore(entries)
         self._publisher.resume_numbering(events)
@@ -175,10 +139,31 @@ class Arbiter:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:
             self._acts.resume(record, is_newest=is_newest)
+        self._acts.expect(carried)
+
+    def repeat_outcomes(self, outcomes: Iterable[ActOutcome]) -> list[OutgoingMessage]:
+        """Return the messages of outcomes that may not have been published before a restart."""
+        return [
+            self._publisher.outcome(outcome.model_copy(update={"is_repeated": True})) for outcome in outcomes
+        ]
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
         return self._acts.is_pending(object_id)
+
+    def knows_things(self, *things: str) -> bool:
+        """Return True if it is known of these things and all that is selected where they are and who acts.
+
+        Just after a start it is not: neither objects nor carriers have been received.
+        """
+        objects = self._positions.objects
+        is_listed = all(name in objects for name in (*things, *self._ledger.entries))
+        return is_listed and self._positions.has_trackers and not self._acts.is_awaiting
+
+    @property
+    def carried(self) -> frozenset[tuple[str, str]]:
+        """Return things and their carriers. The same object if nothing has changed."""
+        return self._acts.carried
 
     @property
     def has_selected(self) -> bool:
@@ -280,12 +265,14 @@ class Arbiter:
     def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[OutgoingMessage]:
         """Decide on a claim of a shard, which may come late and know less.
 
-        While no objects are known, just after a start, none is decided: the shard sends it again. So it does
-        with those above the budget of the person.
+        While no objects are known, just after a start, none is decided, nor while it is not known whether the
+        carrier of its object runs: the shard sends it again. So it does with those above the budget of the
+        person.
         """
         if not self._budget.allows(user, claim, now_ns):
             return []
-        if claim.wish == "toggle" and not self._positions.has_trackers:
+        is_known = self._positions.has_trackers and not self._acts.is_awaited(claim.object_id)
+        if claim.wish == "toggle" and not is_known:
             return []
         self.on_activity(user, now_ns)
         refusal = self._refusal(user, claim, now_ns)

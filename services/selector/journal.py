@@ -18,7 +18,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.store import Store, StoreLayout, read_rows
 from pointit.schemas import NS_PER_S, ActOutcome, ReadHistory, ReadHistoryReply, SelectionEvent, encode
-from pointit.schemas.base import Count, Ns
+from pointit.schemas.base import Count, Id, KeyName, Ns
 from pointit.schemas.selection import NOT_DONE
 from pointit.services.selector.selection_publisher import Owned, Record, event_of
 
@@ -38,6 +38,8 @@ LAYOUT = StoreLayout(
         CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
         INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
         CREATE TABLE IF NOT EXISTS acts (id INTEGER PRIMARY KEY, carriers TEXT NOT NULL);
+        CREATE TABLE IF NOT EXISTS outcomes (id INTEGER PRIMARY KEY, outcome TEXT NOT NULL);
+        CREATE TABLE IF NOT EXISTS carriers (thing TEXT NOT NULL, carrier TEXT NOT NULL);
     """,
     writer="selector",
     loss="selections are kept in memory only",
@@ -52,7 +54,13 @@ INSERT_ACT = "INSERT OR REPLACE INTO acts VALUES (last_insert_rowid(), ?)"
 """Note the carriers of the previous event. The row is deleted when they have reported the result."""
 IS_ACT = "id IN (SELECT id FROM acts JOIN events USING (id) WHERE object_id = ? AND stamp_ns = ?)"
 TELL_RESULT = f"UPDATE events SET reason = ? WHERE {IS_ACT}"  # noqa: S608 - see above
+KEEP_OUTCOME = f"INSERT OR REPLACE INTO outcomes SELECT id, ? FROM acts WHERE {IS_ACT}"  # noqa: S608 - see above
+"""Note the outcome of an act. The row is deleted when the outcome was published."""
 END_ACT = f"DELETE FROM acts WHERE {IS_ACT}"  # noqa: S608 - see above
+FORGET_OUTCOME = """
+DELETE FROM outcomes WHERE id IN (SELECT id FROM events WHERE object_id = ? AND stamp_ns = ?)
+"""
+UNTOLD = "SELECT CAST(outcome AS TEXT) FROM outcomes ORDER BY id"
 NOT_FOLLOWED = f"UPDATE events SET reason = '{NOT_DONE}no selector ran' WHERE id IN (SELECT id FROM acts)"  # noqa: S608
 UNPUBLISHED = (
     f"SELECT {COLUMNS}, COALESCE(carriers, '') FROM events LEFT JOIN acts USING (id) "  # noqa: S608 - see above
@@ -100,6 +108,7 @@ MAX_DECIDED = 1000
 PRUNED_AT_ONCE = 300
 ALIVE_EVERY_NS = 20 * NS_PER_S
 
+_CARRIED = TypeAdapter(tuple[Id, KeyName], config=ConfigDict(strict=True))
 _LIFE = TypeAdapter(tuple[Count, Ns], config=ConfigDict(strict=True))
 
 PAUSE_S = 0.05
@@ -133,6 +142,10 @@ class JournalContents:
     """Events that may not have been published, the oldest first."""
     pending: Sequence[tuple[Record, bool]] = ()
     """Events whose result was not reported, and whether each is the last one of its object."""
+    untold: Sequence[ActOutcome] = ()
+    """Outcomes that may not have been published, in the order of their acts."""
+    carried: Sequence[tuple[str, str]] = ()
+    """Things and their carriers."""
     decided: Sequence[tuple[str, int]] = ()
     """Persons and stamps of the last claims, the oldest first. They may come again."""
 
@@ -158,6 +171,10 @@ class Journal:
         self._pending: list[Record | ActOutcome] = []
         self._published = 0
         self._published_on_disk = 0
+        self._told: list[tuple[str, int]] = []
+        """Object and stamp of the acts whose outcomes were published, until this is on disk."""
+        self._carried: frozenset[tuple[str, str]] = frozenset()
+        self._carried_on_disk: frozenset[tuple[str, str]] = frozenset()
         self._alive_ns: int | None = None
         self._pruned = 0
         """Row up to which old events were pruned last."""
@@ -181,20 +198,29 @@ class Journal:
         if self._store.is_open:
             self._pending.append(entry)
 
+    def keep_carried(self, carried: frozenset[tuple[str, str]]) -> None:
+        """Keep things and their carriers, for which the next selector waits. Stored by the next `commit`."""
+        self._carried = carried
+
     def commit(self, now_ns: int) -> None:
-        """Write all added records or none. If the disk fails, try again later."""
-        if self._pending:
+        """Write all that was added, or nothing. If the disk fails, try again later."""
+        if self._pending or self._carried != self._carried_on_disk:
             self._write(now_ns)
 
     def mark_published(self, seq: int) -> None:
         """Record that the event `seq` was published."""
         self._published = max(self._published, seq)
 
+    def mark_told(self, outcome: ActOutcome) -> None:
+        """Record that the outcome of an act was published."""
+        if self._store.is_open:
+            self._told.append((outcome.object_id, outcome.event_ns))
+
     def maintain(self, now_ns: int, *, is_selected: bool) -> None:
         """Store what was published and a sign of life, and delete old events. Called periodically."""
         is_sign_due = is_selected and self._is_sign_due(now_ns)
         has_published = self._published != self._published_on_disk
-        if self._pending or is_sign_due or has_published:
+        if self._pending or self._told or is_sign_due or has_published:
             self._write(now_ns)
 
     def close(self) -> None:
@@ -226,6 +252,8 @@ class Journal:
             self._pending = [_closed(record, now_ns) for record in opened]
             db.execute(NOT_FOLLOWED)
             db.execute("DELETE FROM acts")
+            db.execute("DELETE FROM outcomes")
+            db.execute("DELETE FROM carriers")
             self._write(now_ns)
             return JournalContents(events=events)
 
@@ -241,8 +269,17 @@ class Journal:
         pending: list[tuple[Record, bool]] = []
         for *fields, is_newest in db.execute(PENDING):
             pending.append((record_of(tuple(fields)), bool(is_newest)))
+        untold = [ActOutcome.model_validate_json(text) for (text,) in db.execute(UNTOLD)]
+        carried = [_CARRIED.validate_python(row) for row in db.execute("SELECT thing, carrier FROM carriers")]
+        self._carried = self._carried_on_disk = frozenset(carried)
         return JournalContents(
-            entries=entries, events=events, unpublished=unpublished, decided=decided, pending=pending
+            entries=entries,
+            events=events,
+            unpublished=unpublished,
+            untold=untold,
+            carried=carried,
+            decided=decided,
+            pending=pending,
         )
 
     def _write(self, now_ns: int) -> None:
@@ -251,6 +288,10 @@ class Journal:
         def write(db: sqlite3.Connection) -> None:
             for entry in self._pending:
                 _insert(db, entry)
+            db.executemany(FORGET_OUTCOME, self._told)
+            if self._carried != self._carried_on_disk:
+                db.execute("DELETE FROM carriers")
+                db.executemany("INSERT INTO carriers VALUES (?, ?)", sorted(self._carried))
             # if the file is too large, delete more than was added: first of refusals, then of other events
             if self._pending and _single_number(db, BYTES) > self._max_bytes:
                 rows = PRUNED_AT_ONCE + 2 * len(self._pending)
@@ -262,10 +303,13 @@ class Journal:
 
         if self._store.write(now_ns, write):
             self._pending.clear()
+            self._told.clear()
+            self._carried_on_disk = self._carried
             self._published_on_disk = self._published
             self._alive_ns = now_ns
         else:
             del self._pending[:-MAX_PENDING]
+            del self._told[:-MAX_PENDING]
 
     def _prune(self, db: sqlite3.Connection, now_ns: int) -> None:
         """Delete old events among the next few rows: all at once would take too long."""
@@ -288,8 +332,10 @@ def _insert(db: sqlite3.Connection, entry: Record | ActOutcome) -> None:
     """Insert a record, or give one the final outcome of its act."""
     if isinstance(entry, ActOutcome):
         reason = f"{NOT_DONE}{entry.text}" if entry.result == "failed" else ""
-        db.execute(TELL_RESULT, (reason, entry.object_id, entry.event_ns))
-        db.execute(END_ACT, (entry.object_id, entry.event_ns))
+        key = entry.object_id, entry.event_ns
+        db.execute(TELL_RESULT, (reason, *key))
+        db.execute(KEEP_OUTCOME, (entry.model_dump_json(), *key))
+        db.execute(END_ACT, key)
         return
     db.execute(INSERT, entry[:-1])
     if entry.carriers:

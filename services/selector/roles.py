@@ -4,6 +4,7 @@ No core: it publishes, serves and waits for its timers.
 """
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -47,6 +48,8 @@ Put = Callable[[list[OutgoingMessage]], list[OutgoingMessage]]
 Use = Callable[[str | None, float | None], SelectorConfig]
 """Changes the method or its time, and returns the parameters in use. Raises ValueError or ConfigError."""
 
+MAX_UNKNOWN_S = 1.0
+"""Time after the start until which requests wait for map, objects and carriers, s. Some may never come."""
 MAX_ANSWER_S = 0.6 * REQUEST_TIMEOUT_S
 """Time after which a caller of `set_thing` gets a reply without the result of the act, s."""
 
@@ -85,6 +88,13 @@ class SiteRole:
         self._carrier_warnings: dict[str, str] = {}
         """Warnings in force about carriers that cannot act, by carrier."""
 
+        # What requests wait for just after the start
+        self._has_map = False
+        self._known_by_s = 0.0
+        """Time of the loop from which requests wait no longer, s."""
+        self._changed = asyncio.Event()
+        """Set when something was received, while requests wait."""
+
     def begin(self) -> None:
         """Restore the selection from before a restart, republish possibly unpublished events, and serve."""
         # What was selected. A journal that cannot be read is reported, and nothing is selected
@@ -92,17 +102,26 @@ class SiteRole:
         contents = self._journal.begin(now_ns) if self._has_journal else JournalContents()
         if self._journal.problem:
             log.error("%s", self._journal.problem)
-        self.engine.restore(contents.entries, contents.events, now_ns, contents.decided, contents.pending)
+        self.engine.restore(
+            contents.entries,
+            contents.events,
+            now_ns,
+            decided=contents.decided,
+            pending=contents.pending,
+            carried=contents.carried,
+        )
         self._selections.put(self.engine.selection(now_ns))
 
-        # Events that were committed, but perhaps not published, before the end of the last run
+        # Events and outcomes that were committed, but perhaps not published, before the end of the last run
         for record in contents.unpublished:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
                 self._put([OutgoingMessage("", event)])
+        self._put(self.engine.repeat_outcomes(contents.untold))
         self._maintain_journal(now_ns)
 
-        # Requests are answered from what was restored
+        # Requests are answered from what was restored, once it is known who carries it out
+        self._known_by_s = asyncio.get_running_loop().time() + MAX_UNKNOWN_S
         self._bus.serve(topics.CLEAR_SELECTION, self._clear)
         self._bus.serve(topics.UNDO_SELECTION, self._undo)
         self._bus.serve(topics.RELEASE_OBJECT, self._release)
@@ -122,7 +141,9 @@ class SiteRole:
         for _user, message in outputs:
             if isinstance(message, ActOutcome) and message.result != "started":
                 self._journal.add(message)
+        self._journal.keep_carried(self.engine.carried)
         self._journal.commit(self._clock.now_ns())
+        self._changed.set()
 
     def publish(self, _user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:
         """Publish what `engine` returned."""
@@ -133,12 +154,15 @@ class SiteRole:
             self._journal.mark_published(message.seq)
         elif isinstance(message, ActOutcome):
             self._outcomes.put(message)
+            if message.result != "started":
+                self._journal.mark_told(message)
             caller = self._waiting.get((message.object_id, message.event_ns))
             if caller is not None and not caller.done():
                 caller.set_result(message)
 
     def on_map(self, now_ns: int) -> None:
         """Publish how people select in the new room, before anybody points there."""
+        self._has_map = True
         self._publish_manner(now_ns)
 
     def check(self, now_ns: int) -> None:
@@ -177,21 +201,41 @@ class SiteRole:
     def _on_claim(self, claim: Claim, user: str) -> None:
         self._put(self.engine.on_claim(user, claim, self._clock.now_ns()))
 
+    async def _know_things(self, *things: str) -> None:
+        """Return when map, objects and carriers are known, `MAX_UNKNOWN_S` after the start at the latest.
+
+        Without it, a thing that has a carrier would count as one without: nobody would carry out its act.
+        """
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout_at(self._known_by_s):
+                while loop.time() < self._known_by_s and not self._knows_things(things):
+                    self._changed.clear()
+                    await self._changed.wait()
+
+    def _knows_things(self, things: Sequence[str]) -> bool:
+        return self._has_map and self.engine.knows_things(*things)
+
     async def _clear(self, _query: ClearSelection, user: str) -> Done:
+        await self._know_things()
         outputs = self._put(self.engine.clear(user, self._clock.now_ns()))
         deselected = [event for event in _events(outputs) if event.event == "deselected"]
         return Done(message=f"{len(deselected)} of {user}'s objects deselected")
 
     async def _undo(self, _query: UndoSelection, user: str) -> Done:
+        await self._know_things()
         outputs = self._put(self.engine.undo(user, self._clock.now_ns()))
         return Done(message=_done_message(outputs))
 
     async def _release(self, query: ReleaseObject, user: str) -> Done:
+        await self._know_things()
         now_ns = self._clock.now_ns()
         outputs = self._put(self.engine.release(user, query.object_id, query.take_over, now_ns))
         return Done(message=_done_message(outputs))
 
     async def _set_thing(self, query: SetThing, user: str) -> Done:
+        answer_by_s = asyncio.get_running_loop().time() + MAX_ANSWER_S
+        await self._know_things(query.thing)
         outputs = self._put(self.engine.set_thing(user, query, self._clock.now_ns()))
         if not outputs:
             state = "on" if query.on else "off"
@@ -208,7 +252,7 @@ class SiteRole:
         outcome_future = asyncio.get_running_loop().create_future()
         self._waiting[key] = outcome_future
         try:
-            async with asyncio.timeout(MAX_ANSWER_S):
+            async with asyncio.timeout_at(answer_by_s):
                 outcome = await outcome_future
         except TimeoutError:
             names = ", ".join(event.carriers)

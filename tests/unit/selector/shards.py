@@ -142,7 +142,7 @@ class ShardedSite:
         assert self._journal.problem == ""
         self.arbiter = SelectionEngine(self.config, self._record)
         self.arbiter.on_map(MAP)
-        self.arbiter.restore(kept.entries, kept.events, self.now_ns, kept.decided)
+        self.arbiter.restore(kept.entries, kept.events, self.now_ns, decided=kept.decided)
         self.arbiter.on_objects("conveyor", packages(self.time_s, *self.objects))
         self.is_running = True
         self.take([OutgoingMessage("", self.arbiter.selection(self.now_ns))])

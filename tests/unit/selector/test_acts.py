@@ -436,7 +436,12 @@ def test_thing_without_carriers_is_done_at_once() -> None:
     home = Home()
     home.report(ThingState(id="screws", state="unavailable", reason="of a run before"), carrier="gone")
     home.set("screws")
-    assert (home.acts, home.cues) == ([], [("anna", "selected", "screws selected")])
+    refusal = "whether gone runs is not known yet: try again in a second"
+    assert (home.acts, home.cues) == ([], [("anna", "refused", refusal)])
+
+    home.point(80.0, 3.0)
+    home.set("screws")
+    assert (home.acts, home.cues[1:]) == ([], [("anna", "selected", "screws selected")])
 
 
 def test_acts_of_one_instant_have_numbers_of_their_own() -> None:

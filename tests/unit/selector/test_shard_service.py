@@ -4,7 +4,7 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 from pointit.schemas import Claim, ClearSelection, Selection, SetMethod, topics
-from pointit.services.selector.arbiter import MAX_CLAIMS
+from pointit.services.selector.claim_budget import MAX_CLAIMS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import NO_ARBITER
 from pointit.services.selector.service import Selector

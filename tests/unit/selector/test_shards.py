@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
-from pointit.services.selector.arbiter import MAX_CLAIMS, WARNING_NS
+from pointit.services.selector.claim_budget import MAX_CLAIMS, WARNING_NS
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.selection_publisher import Action
 from tests.unit.selector.room import Room, at, package, packages

@@ -188,6 +188,10 @@ class Commands:
         self._started.append(command)
         return command
 
+    def said(self) -> list[str]:
+        """Return what each command has written to standard error so far, in the order of their starts."""
+        return [command.err for command in self._started]
+
     def kill_all(self) -> None:
         for command in self._started:
             command.kill()

@@ -1,6 +1,7 @@
 """A browser, and a running site with its page, for tests of the window."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Generator, Iterator
 
 import pytest
@@ -8,21 +9,36 @@ import pytest_asyncio
 from playwright.async_api import Browser
 
 from pointit.bridges.web.server.bundle import STATIC
+from tests.e2e.web.page_record import PageRecord
 from tests.e2e.web.site import SitePage, running
 from tests.support.browser import NAMES, installed, joined, shared_chromium
 from tests.support.commands import Commands
 from tests.support.forked import run
 
 
+def pytest_runtest_setup() -> None:
+    """Begin with no pages."""
+    PageRecord.current.clear()
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add to the report of a test that failed what its site said, and how it is."""
+    """Add to the report of a test that failed what its pages and its site said, and how the site is."""
     report = yield
+    if report.failed:
+        now_s = time.monotonic()
+        for record in PageRecord.current:
+            report.sections.append((f"page {record.name}", "\n".join(record.lines(now_s))))
     known = getattr(item, "funcargs", {})
     site = known.get("shared_site") or known.get("site")
+    commands = known.get("commands")
+    if report.failed and isinstance(commands, Commands):
+        for number, said in enumerate(commands.said()):
+            report.sections.append((f"command {number}", said))
     if report.failed and isinstance(site, SitePage):
         code, doctor, _ = run(["doctor", "--connect", site.endpoint], 60.0)
-        report.sections.append(("site", site.command.err))
+        if site is not known.get("site"):  # it is none of the test's own commands
+            report.sections.append(("site", site.command.err))
         report.sections.append((f"doctor ended with {code}", doctor))
     return report
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from playwright.async_api import Browser, Page, expect
 
+from tests.e2e.web.page_record import PageRecord
 from tests.support.pace import Patience
 
 NO_SENSOR = "delete window.RelativeOrientationSensor"
@@ -45,6 +46,7 @@ class PhonePage:
         phone = {"viewport": {"width": 390, "height": 780}, "is_mobile": True, "has_touch": True}
         options: dict[str, Any] = {**phone, "ignore_https_errors": True, **context}
         page = await (await browser.new_context(**options)).new_page()
+        await PageRecord.begin(page, "phone")
         faults: list[str] = []
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)

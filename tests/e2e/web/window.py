@@ -14,6 +14,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.schemas import SetSpeed
 from pointit.schemas.topics import SET_SPEED
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
+from tests.e2e.web.page_record import PageRecord
 from tests.support.pace import Patience
 
 PATIENCE_S = 30.0
@@ -117,6 +118,7 @@ class Window:
         opened.set_default_timeout(2 * PATIENCE_S * 1000)
         window = cls(await opened.new_page())
         window._listen(urlsplit(url).netloc)
+        await PageRecord.begin(window.page, urlsplit(url).path)
         for script in (VIOLATIONS, SELDOM, *scripts):
             await window.page.add_init_script(script)
         await window.page.goto(url)

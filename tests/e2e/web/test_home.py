@@ -1,6 +1,7 @@
 """`pointit home` from the first card to the first lamp that pointing switches, with a phone."""
 
 import asyncio
+import json
 import math
 import time
 from collections.abc import AsyncGenerator
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 from playwright.async_api import Browser, expect
 
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.maps.file import read_map_file
 from pointit.services.supervisor.config import measures
@@ -37,8 +39,12 @@ LAMPS: dict[str, Vec3] = {
     "light.shelf": (2.6, 2.4, 1.4),
 }
 LABELS = {"light.desk": "Desk lamp", "light.door": "Door", "light.shelf": "Shelf"}
-SETTLE_S = 1.2
-"""Time for which a person holds the phone on a lamp before they press, s."""
+SETTLE_S = 0.8
+"""Time for which a person holds the phone on a lamp before they press, s: longer than a press averages."""
+ARRIVED_RAD = math.radians(2.5)
+"""Difference of elevations up to which the arm has arrived: those of two lamps differ by more."""
+ELEVATION = f"Math.asin(window.pointit.site.people.get({USER!r})?.cursor?.direction?.[2] ?? NaN)"
+CARD = "document.querySelector('.setup').innerText"
 
 
 @dataclass
@@ -111,16 +117,38 @@ class Hand:
 
     async def hold(self, lamp: str, duration_s: float = SETTLE_S) -> None:
         """Point at a lamp for a while, with a hand that trembles."""
-        x, y = self.place_m
-        stance = Stance(measures(1.76, {}), "right", (x, y, 0.0))
-        azimuth_rad, elevation_rad = stance.aim_at(LAMPS[lamp])
-        yaw_deg = math.degrees(azimuth_rad - self.zero_rad)
+        yaw_deg, pitch_deg = self._angles_to(lamp)
         end_s = time.monotonic() + duration_s
         turn = 0
         while time.monotonic() < end_s:
             turn += 1
-            await self.phone.turn(yaw_deg + 0.2 * (turn % 2), math.degrees(elevation_rad))
+            await self.phone.turn(yaw_deg + 0.2 * (turn % 2), pitch_deg)
             await asyncio.sleep(0.03)
+
+    @property
+    def _stance(self) -> Stance:
+        x, y = self.place_m
+        return Stance(measures(1.76, {}), "right", (x, y, 0.0))
+
+    def _angles_to(self, lamp: str) -> tuple[float, float]:
+        """Return the yaw of the phone on `lamp` and its elevation, in degrees."""
+        azimuth_rad, elevation_rad = self._stance.aim_at(LAMPS[lamp])
+        return math.degrees(azimuth_rad - self.zero_rad), math.degrees(elevation_rad)
+
+    @asynccontextmanager
+    async def held_on(self, lamp: str, window: Window) -> AsyncGenerator[None]:
+        """Point at a lamp throughout the block, which begins once the site has known it for `SETTLE_S`."""
+        holding = asyncio.create_task(self.hold(lamp, math.inf))
+        sight = vector.subtract(LAMPS[lamp], self._stance.eyes_m)
+        elevation_rad = vector.elevation(sight)
+        try:
+            has_arrived = f"Math.abs({ELEVATION} - {elevation_rad}) < {ARRIVED_RAD}"
+            await window.until(has_arrived, f"the ray at {lamp}, elevation {elevation_rad:.3f} rad")
+            await asyncio.sleep(SETTLE_S)
+            yield
+        finally:
+            holding.cancel()
+            await asyncio.wait([holding])
 
     async def lower(self) -> None:
         """Let the arm hang."""
@@ -183,14 +211,16 @@ async def place(window: Window, hand: Hand, lamps: list[str], *, by_phone: bool 
     """Point at lamps, in the order of the card, and press by Space or by a tap."""
     for lamp in lamps:
         await expect(window.page.locator(".setup-turn")).to_contain_text(f"Point at {LABELS[lamp]}")
-        await hand.hold(lamp)
-        if by_phone:
-            await hand.phone.page.locator("#big").tap()
-        else:
-            await window.page.locator("#setup-title").focus()
-            await window.page.keyboard.press("Space")
-        progress = asyncio.create_task(hand.hold(lamp, 0.6))
-        await progress
+        async with hand.held_on(lamp, window):
+            before: str = await window.page.evaluate(CARD)
+            if by_phone:
+                await hand.phone.page.locator("#big").tap()
+            else:
+                await window.page.locator("#setup-title").focus()
+                await window.page.keyboard.press("Space")
+            # The card tells whether the press counted
+            await window.until(f"{CARD} !== {json.dumps(before)}", f"a press at {lamp} told at the card")
+        assert await window.page.locator(".setup .reason").inner_text() == ""
 
 
 def is_as_before(home: MemoryHome) -> bool:

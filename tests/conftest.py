@@ -5,6 +5,7 @@ import itertools
 import logging
 import os
 import signal
+import sys
 from collections.abc import AsyncIterator, Generator, Iterator
 from pathlib import Path
 
@@ -37,12 +38,15 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure() -> None:
-    """Restore Ctrl-C and the width of tables, and validate what services calculate.
+    """Restore Ctrl-C and the width of tables, validate what services calculate, and compile modules once.
 
     A shell starts background jobs with SIGINT ignored, and children inherit that. Workers of pytest-xdist set
-    COLUMNS, which would make tables as narrow as a terminal.
+    COLUMNS, which would make tables as narrow as a terminal. Containers set PYTHONDONTWRITEBYTECODE,
+    with which each process would compile all that it imports, and the assertions of all tests.
     """
     ConstructorChecks.are_on = True
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     os.environ.pop("COLUMNS", None)
     os.environ[LOG_FORMAT] = "json"  # tests read the logs of commands
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

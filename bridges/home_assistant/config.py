@@ -8,7 +8,12 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, field_validator
 
 from pointit.bridges.home_assistant.home_connection import HomeWords
-from pointit.runtime.address_config import described_error, parse_address
+from pointit.runtime.address_config import (
+    MissingInterfaceError,
+    described_error,
+    parse_address,
+    with_plain_scope,
+)
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home, read_secret
 from pointit.runtime.mqtt.broker_config import BrokerConfig
@@ -86,7 +91,10 @@ class HomeAssistantConfig(BrokerConfig):
             return ""
         try:
             parts = urlsplit(url.strip())
+            parts = parts._replace(netloc=with_plain_scope(parts.netloc))
             port = parse_address(parts.netloc)[1] if parts.netloc else None
+        except MissingInterfaceError as error:
+            raise described_error(str(error)) from None
         except ValueError:  # its text has the URL, which may have a password
             raise described_error(FORM) from None
 

@@ -17,6 +17,10 @@ _NO_NAME = re.compile(r"[\s\0/@?#%\\\[\]]|^\.|\.\.|[^.]{64}")
 _NUMBER = re.compile(r"[0-9]+|0[xX][0-9a-fA-F]*")
 
 
+class MissingInterfaceError(ValueError):
+    """A link-local address without this machine's interface, with the remedy."""
+
+
 def parse_address(text: str) -> tuple[str, int | None]:
     """Return host and port of `HOST` or `HOST:PORT`; the port is None if there is none.
 
@@ -57,7 +61,7 @@ def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], hos
     if isinstance(address, ipaddress.IPv6Address):
         needs_interface = address.is_link_local and not address.scope_id
         if needs_interface:
-            raise ValueError(
+            raise MissingInterfaceError(
                 f"{host} is in more than one network: add this machine's interface, as in {host}%eth0"
             )
     return str(address)
@@ -89,6 +93,11 @@ class AddressConfig(Config):
         if other_port.strip() != str(port):
             raise described_error(f"host: {text} and port {fields['port']} differ: remove one of the ports")
         return {**fields, "host": host, "port": port}
+
+
+def with_plain_scope(netloc: str) -> str:
+    """Return host and port of a URL, its interface as `%eth0` in place of `%25eth0` (RFC 6874)."""
+    return netloc.replace("%25", "%", 1) if netloc.rpartition("@")[2].startswith("[") else netloc
 
 
 def format_address(host: str, port: int) -> str:

@@ -22,8 +22,13 @@ from pointit.runtime.address_config import parse_address
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import pointit_version, remedy
+from pointit.runtime.host.tls_errors import (
+    certificate_error_in,
+    describe_certificate_error,
+    describe_tls_error,
+    tls_error_in,
+)
 from pointit.runtime.service.carrier import Act, ActFailedError, check_things
 from pointit.schemas import Environment, ThingState
 from pointit.schemas.selection import FailureCode
@@ -47,6 +52,7 @@ WEBHOOK_TIMEOUT_S = 5.0
 PAUSES_S = (1.0, 4.0)
 """Pauses before the second and the third attempt, s."""
 AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
+CERTIFICATE_HINT = "write an address that asks for none"
 MAX_REASON = 200
 """Number of characters of a server's text that are shown."""
 SUCCESS = 200
@@ -310,10 +316,13 @@ class Webhook:
 
 
 def _cause(error: Exception) -> str:
-    """Return the reason for an error of a connection, and the remedy for one of a certificate."""
+    """Return the reason for an error of a connection, and the remedy for one of TLS."""
     certificate_error = certificate_error_in(error)
     if certificate_error is not None:
         return describe_certificate_error(certificate_error, "the server", AUTHORITY_HINT)
+    tls_error = tls_error_in(error)
+    if tls_error is not None:
+        return describe_tls_error(tls_error, "the server", CERTIFICATE_HINT)
     return one_line(str(error), MAX_REASON) or type(error).__name__
 
 

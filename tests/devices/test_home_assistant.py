@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from pydantic import ValidationError
 from websockets.asyncio.server import ServerConnection, serve
 
 from pointit.bridges.home_assistant.connection import connected
@@ -33,6 +34,7 @@ from tests.support.home_assistant import (
     thing,
     token_file,
 )
+from tests.support.tls_servers import REFUSALS, refusing
 
 RECORDING = Path(__file__).parents[1] / "data/home_assistant_2025_4_4.jsonl"
 LAMP = "light.desk"
@@ -343,13 +345,28 @@ async def test_server_that_is_no_home_assistant_gets_no_token(tmp_path: Path) ->
         (b"HTTP/1.0 404 File not found\r\n\r\n", "is no Home Assistant (it does not answer as one)"),
         (b"SSH-2.0-OpenSSH_9.2\r\n", "is no Home Assistant (it does not answer as one)"),
         (b"", "is no Home Assistant (it does not answer as one)"),
-        (b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\n\r\n", "blocks this machine (403)"),
+        (b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\n\r\n", "blocks this machine (403): look for its"),
         (b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n", "(400): add the proxy in front of Home"),
-        (b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n", "asks for a login (401), which PointIt"),
+        (
+            b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n",
+            "a login page is in front of http://127.0.0.1",
+        ),
         (b"HTTP/1.1 502 Bad Gateway\r\nContent-Length: 0\r\n\r\n", "does not reach Home Assistant (502)"),
         (
             b"HTTP/1.1 301 Moved\r\nLocation: https://ha.example/api/websocket\r\nContent-Length: 0\r\n\r\n",
             "refers to another address: write https://ha.example as `url`",
+        ),
+        (
+            b"HTTP/1.1 302 Found\r\nLocation: https://auth.example/?rd=%2Fapi%2Fwebsocket\r\n\r\n",
+            "(302), and PointIt has no login for it: write the address of Home Assistant itself",
+        ),
+        (
+            b"HTTP/1.1 302 Found\r\nLocation: /auth/login?next=/api/websocket\r\nContent-Length: 0\r\n\r\n",
+            "a login page is in front of",
+        ),
+        (
+            b"HTTP/1.1 307 Moved\r\nLocation: http://[bad/api/websocket\r\nContent-Length: 0\r\n\r\n",
+            "a login page is in front of",
         ),
     ],
 )
@@ -363,7 +380,74 @@ async def test_answers_of_other_servers_give_one_sentence(
 
     async with await asyncio.start_server(reply, "127.0.0.1", 0) as server:
         port = server.sockets[0].getsockname()[1]
-        assert sentence in await refusal(config_of(tmp_path, port))
+        problem = await refusal(config_of(tmp_path, port))
+    assert sentence in problem
+    assert "auth.example" not in problem
+
+
+async def test_redirect_of_an_encrypted_address_to_a_plain_one_is_not_offered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(1000)
+        writer.write(b"HTTP/1.1 301 Moved\r\nLocation: http://ha.example/api/websocket\r\n\r\n")
+        writer.close()
+
+    authority, certificate, key = issue(tmp_path, "localhost")
+    monkeypatch.setenv("SSL_CERT_FILE", str(authority))
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, key)
+    async with await asyncio.start_server(reply, "127.0.0.1", 0, ssl=context) as server:
+        port = server.sockets[0].getsockname()[1]
+        problem = await refusal(config_of(tmp_path, 1, url=f"https://localhost:{port}"))
+    assert "refers to http://ha.example, which does not encrypt: have the proxy pass" in problem
+    assert "write http://" not in problem
+
+
+@pytest.mark.parametrize("kind", REFUSALS)
+async def test_refusal_by_tls_is_named_and_never_answered_by_leaving_encryption_out(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with refusing(tmp_path, kind) as (port, authority):
+        monkeypatch.setenv("SSL_CERT_FILE", str(authority))
+        problem = await refusal(config_of(tmp_path, 1, url=f"https://localhost:{port}"))
+        is_told_to_encrypt = await refusal(config_of(tmp_path, 1, url=f"http://localhost:{port}"))
+    assert REFUSALS[kind][1] in problem
+    assert "http://" not in problem
+    if kind != "version":
+        assert f"encrypts: write https://localhost:{port} as `url`" in is_told_to_encrypt
+
+
+async def test_proxy_that_answers_plain_requests_at_its_tls_port_still_encrypts(tmp_path: Path) -> None:
+    """A server that ends every handshake, and answers plain requests with 400 as nginx does."""
+
+    async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if (await reader.read(1000)).startswith(b"GET"):
+            writer.write(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
+        writer.close()
+
+    async with await asyncio.start_server(reply, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        problem = await refusal(config_of(tmp_path, 1, url=f"https://127.0.0.1:{port}"))
+    assert "write http://" not in problem
+
+
+@pytest.mark.parametrize(
+    ("url", "sentence"),
+    [
+        ("http://[fe80::1]:8123", "fe80::1 is in more than one network: add this machine's interface, as in"),
+        ("http://[fe80::1%25lo]:8123", ""),
+        ("http://[fe80::1%lo]:8123", ""),
+    ],
+)
+def test_link_local_address_needs_its_interface_in_either_form(
+    url: str, sentence: str, tmp_path: Path
+) -> None:
+    if sentence:
+        with pytest.raises(ValidationError, match=sentence):
+            config_of(tmp_path, 1, url=url)
+        return
+    assert config_of(tmp_path, 1, url=url).url == "http://[fe80::1%lo]:8123"
 
 
 async def test_proxy_path_is_used_and_a_wrong_one_is_named(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 from cryptography.x509.oid import ExtendedKeyUsageOID
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.typing import Subprotocol
 
 from pointit.bridges.mqtt_things import mqtt_things
 from pointit.cli.things.run_things import broker_of
@@ -24,6 +26,7 @@ from tests.support.buses import free_port, is_listening
 from tests.support.certificates import issue
 from tests.support.mqtt import broker
 from tests.support.mqtt_things import published
+from tests.support.tls_servers import REFUSALS, refusing
 
 OPEN = "allow_anonymous true\nuser root\n"
 
@@ -150,6 +153,29 @@ async def test_encryption_that_only_one_side_uses_is_reported(tmp_path: Path) ->
     assert f"localhost:{port} does not encrypt at this port: leave `tls` out (mqtt://" in secured
 
 
+@pytest.mark.parametrize("kind", REFUSALS)
+async def test_refusal_by_tls_is_named_and_never_answered_by_leaving_tls_out(
+    kind: str, tmp_path: Path
+) -> None:
+    with refusing(tmp_path, kind) as (port, authority):
+        text = await problem(broker=f"mqtts://localhost:{port}", ca_file=str(authority))
+    assert REFUSALS[kind][1] in text
+    assert "leave `tls` out" not in text
+
+
+async def test_listener_for_websockets_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broker_errors, "PROBE_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(broker_errors, "CONNECT_TIMEOUT_S", 2.0)
+
+    async def listen(websocket: ServerConnection) -> None:
+        await websocket.wait_closed()
+
+    async with serve(listen, "127.0.0.1", 0, subprotocols=[Subprotocol("mqtt")]) as server:
+        port = next(iter(server.sockets)).getsockname()[1]
+        text = await problem(broker=f"127.0.0.1:{port}")
+    assert "answers by HTTP, as listeners for websockets do, and PointIt speaks MQTT by TCP: name its" in text
+
+
 async def test_broker_that_stalls_the_handshake_is_reported_as_unencrypted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -268,7 +294,7 @@ def test_broker_address_may_be_a_url_with_tls_and_user(
     [
         ({"broker": "mqtt://anna@hub", "username": "ben"}, "different users"),
         ({"broker": "hub", "ca_file": "ca.pem"}, "`ca_file` is for encrypted connections"),
-        ({"broker": "ws://hub"}, "write HOST"),
+        ({"broker": "ws://hub"}, "MQTT by TCP, not by websockets: name the listener for that"),
         ({"broker": "mqtt://hub/topic"}, "write HOST"),
         ({"broker": "http://hub"}, "write HOST"),
         ({"broker": "mqtt://"}, "write HOST"),

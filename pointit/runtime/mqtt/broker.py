@@ -10,17 +10,25 @@ import re
 import secrets
 import ssl
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Sequence
-from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 from pointit.runtime.address_config import format_address
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError, first_cause
-from pointit.runtime.host.certificate_errors import describe_certificate_error
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.name_lookup import browse
 from pointit.runtime.host.state_file import read_secret
+from pointit.runtime.host.tls_errors import (
+    TlsServer,
+    certificate_error_in,
+    encrypts,
+    is_alert,
+    opened,
+    refusal_after_handshake,
+    tls_error_in,
+    tls_problem,
+)
 from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError
 from pointit.runtime.mqtt.broker_config import PORT, TLS_PORT, BrokerConfig
 from pointit.schemas.text import one_line, system_reason
@@ -48,6 +56,13 @@ CONNECT_5 = bytes.fromhex("100d00044d5154540502000f000000")
 MIN_CONNACK_5_BYTES = 3
 """Minimum length of the body of a CONNACK of MQTT 5, which has properties. One of MQTT 3.1.1 has 2 bytes."""
 CONNACK = b"\x20"
+HTTP = b"HTTP/1"
+"""Begin of an answer of HTTP."""
+WEBSOCKET_HEADERS = (
+    "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: mqtt\r\n"
+)
+"""Headers of a request for a websocket (RFC 6455), with the key of its example."""
 BAD_CLIENT_ID = (2, 133)
 """Return codes of CONNACK, as are those below: of MQTT 3.1.1, and of 5, to which paho converts them."""
 BAD_PASSWORD = (4, 134)
@@ -79,25 +94,25 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
         BrokerError: If the certificate is not accepted, or the server does not encrypt.
         OSError: If nothing answers.
     """
-    broker = f"the broker at {format_address(host, port)}"
     try:
-        async with asyncio.timeout(CONNECT_TIMEOUT_S), _opened(host, port, context) as (reader, writer):
+        async with asyncio.timeout(CONNECT_TIMEOUT_S), opened(host, port, context) as (reader, writer):
             return await _answers_by_mqtt_5(reader, writer)
-    except ssl.SSLCertVerificationError as error:
-        # it is an SSLError, too, but tells more than those below
-        raise BrokerError(describe_certificate_error(error, broker, AUTHORITY_HINT)) from error
     except (ssl.SSLError, ConnectionError, TimeoutError) as error:
-        if context is not None and await _answers_plain(host, port):
-            raise BrokerError(
-                f"{broker} does not encrypt at this port: leave `tls` out (mqtt:// in place of mqtts://), or "
-                "name its port for TLS, usually 8883"
-            ) from error
-        if not isinstance(error, ssl.SSLError):
+        if context is None:
             raise
-        raise BrokerError(
-            f"{broker} does not complete the TLS handshake ({system_reason(error)}): correct the port, or "
-            "update the broker to TLS 1.2"
-        ) from error
+
+        # A refused certificate and an alert are proof that it encrypts; an answer in clear that it does not
+        tls_error = tls_error_in(error)
+        has_alert = tls_error is not None and is_alert(tls_error)
+        is_encrypted = has_alert or certificate_error_in(error) is not None
+        if not is_encrypted and await _answers_plain(host, port):
+            raise BrokerError(
+                f"{_name(host, port)} does not encrypt at this port: leave `tls` out (mqtt:// in place of "
+                "mqtts://), or name its port for TLS, usually 8883"
+            ) from error
+        if tls_error is None:
+            raise
+        raise BrokerError(await tls_problem(_server(host, port), error, context)) from error
 
 
 async def _answers_by_mqtt_5(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
@@ -116,34 +131,35 @@ async def _answers_by_mqtt_5(reader: asyncio.StreamReader, writer: asyncio.Strea
 
 async def transport_error(host: str, port: int, context: ssl.SSLContext | None) -> BrokerError | None:
     """Return the reason for which a server does not answer a CONNECT, or None if it is unknown."""
-    broker = f"the broker at {format_address(host, port)}"
-    if context is None:
-        text = (
-            f"{broker} encrypts at this port: set `tls` (mqtts:// in front of its address), or name its port "
-            "without encryption, usually 1883"
+    if context is None and await encrypts(host, port):
+        return BrokerError(
+            f"{_name(host, port)} encrypts at this port: set `tls` (mqtts:// in front of its address), or "
+            "name its port without encryption, usually 1883"
         )
-        return BrokerError(text) if await encrypts(host, port) else None
-    try:
-        async with asyncio.timeout(PROBE_TIMEOUT_S), _opened(host, port, context) as (reader, _writer):
-            await reader.read(1)  # of TLS 1.3, a refusal follows the handshake
-    except ssl.SSLError as error:
-        if "CERTIFICATE_REQUIRED" in (error.reason or ""):
-            return BrokerError(
-                f"{broker} asks for a certificate of the client, and PointIt has none: use a listener "
-                "without `require_certificate`"
-            )
-    except OSError:  # TimeoutError is one
-        pass
+    if context is not None:
+        refusal = await refusal_after_handshake(host, port, context)
+        if refusal is not None:
+            return BrokerError(await tls_problem(_server(host, port), refusal, context))
+    if await _answers_http(host, port, context):
+        return BrokerError(
+            f"{_name(host, port)} answers by HTTP, as listeners for websockets do, and PointIt speaks MQTT "
+            "by TCP: name its port for that, usually 1883, or 8883 with `tls`"
+        )
     return None
 
 
-async def encrypts(host: str, port: int, timeout_s: float = PROBE_TIMEOUT_S) -> bool:
-    """Return True if the server at `host` and `port` completes a TLS handshake within `timeout_s`."""
-    try:
-        async with asyncio.timeout(timeout_s), _opened(host, port, _unverified()):
-            return True
-    except OSError:  # SSLError and TimeoutError are some
-        return False
+def _name(host: str, port: int) -> str:
+    return f"the broker at {format_address(host, port)}"
+
+
+def _server(host: str, port: int) -> TlsServer:
+    return TlsServer(
+        host=host,
+        port=port,
+        name=_name(host, port),
+        authority_hint=AUTHORITY_HINT,
+        certificate_hint="use a listener without `require_certificate`",
+    )
 
 
 def refuses_login(error: BaseException) -> bool:
@@ -178,33 +194,22 @@ def _return_code(error: BaseException) -> int | None:
 async def _answers_plain(host: str, port: int) -> bool:
     """Return True if the server at `host` and `port` answers a CONNECT that is not encrypted."""
     try:
-        async with asyncio.timeout(PROBE_TIMEOUT_S), _opened(host, port, None) as (reader, writer):
+        async with asyncio.timeout(PROBE_TIMEOUT_S), opened(host, port, None) as (reader, writer):
             writer.write(CONNECT)
             return await reader.read(1) == CONNACK
     except OSError:  # TimeoutError is one
         return False
 
 
-@asynccontextmanager
-async def _opened(
-    host: str, port: int, context: ssl.SSLContext | None
-) -> AsyncGenerator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+async def _answers_http(host: str, port: int, context: ssl.SSLContext | None) -> bool:
+    """Return True if the server at `host` and `port` answers a request of HTTP, as that for a websocket."""
+    request = f"GET /mqtt HTTP/1.1\r\nHost: {format_address(host, port)}\r\n{WEBSOCKET_HEADERS}\r\n"
     try:
-        reader, writer = await asyncio.open_connection(host, port, ssl=context)
-    except UnicodeError as error:  # a label of more than 63 characters
-        raise OSError(str(error)) from error
-    try:
-        yield reader, writer
-    finally:
-        writer.transport.abort()
-
-
-def _unverified() -> ssl.SSLContext:
-    """Return a context that accepts any certificate: nothing is sent over its connection."""
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.check_hostname = False
-    context.verify_mode = ssl.CERT_NONE
-    return context
+        async with asyncio.timeout(PROBE_TIMEOUT_S), opened(host, port, context) as (reader, writer):
+            writer.write(request.encode())
+            return await reader.readexactly(len(HTTP)) == HTTP
+    except (OSError, EOFError):  # TimeoutError is an OSError
+        return False
 
 
 _paho_log.setLevel(logging.CRITICAL)  # its errors are raised, too, and it would log them at every try

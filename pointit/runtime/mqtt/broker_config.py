@@ -6,13 +6,19 @@ from urllib.parse import SplitResult, unquote, urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
-from pointit.runtime.address_config import described_error, parse_address
+from pointit.runtime.address_config import (
+    MissingInterfaceError,
+    described_error,
+    parse_address,
+    with_plain_scope,
+)
 from pointit.runtime.config.config import Config
 
 PORT = 1883
 TLS_PORT = 8883
 SCHEMES = {"mqtt": False, "tcp": False, "mqtts": True, "ssl": True, "tls": True}
 """True for schemes of encrypted connections."""
+WEBSOCKET_SCHEMES = ("ws://", "wss://")
 FORM = "write HOST, HOST:PORT or mqtts://USER@HOST; the password is in MQTT_PASSWORD"
 
 
@@ -43,7 +49,7 @@ class BrokerConfig(Config):
         url = fields.get("broker")
         if isinstance(url, str) and "://" in url:
             parts = _url_parts(url)
-            fields["broker"] = parts.netloc.rpartition("@")[2]
+            fields["broker"] = with_plain_scope(parts.netloc).rpartition("@")[2]
             if SCHEMES[parts.scheme]:
                 fields["tls"] = True
             user = unquote(parts.username or "")
@@ -56,6 +62,8 @@ class BrokerConfig(Config):
     def _is_address(cls, broker: str) -> str:
         try:
             port = parse_address(broker)[1] if broker else None
+        except MissingInterfaceError as error:
+            raise described_error(str(error)) from error
         except ValueError as error:
             # what is in front of an @ may be a password
             shown = broker.rpartition("@")[2]
@@ -89,6 +97,11 @@ def is_broker_url(url: str) -> bool:
 def _url_parts(url: str) -> SplitResult:
     """Return the parts of the URL of a broker. Errors do not quote it: it may have a password."""
     error = described_error(f"broker: {FORM}")
+    if url.lower().startswith(WEBSOCKET_SCHEMES):
+        raise described_error(
+            f"broker: PointIt speaks MQTT by TCP, not by websockets: name the listener for that, usually "
+            f"port {PORT}, or {TLS_PORT} with mqtts://"
+        )
     try:
         parts = urlsplit(url)
     except ValueError:

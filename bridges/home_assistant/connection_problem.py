@@ -1,4 +1,7 @@
-"""Why there is no connection to a Home Assistant, with the remedy, in one sentence."""
+"""Why there is no connection to a Home Assistant, with the remedy, in one sentence.
+
+No core: it waits for a network.
+"""
 
 import asyncio
 import socket

@@ -1,4 +1,7 @@
-"""Websockets to a Home Assistant, whose messages take a share of the time only, and what is in a frame."""
+"""Websockets to a Home Assistant, whose messages take a share of the time only, and what is in a frame.
+
+No core: it waits for a network.
+"""
 
 import asyncio
 import json

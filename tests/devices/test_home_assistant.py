@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import os
-import ssl
 import unicodedata
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -11,18 +10,16 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from pydantic import ValidationError
 from websockets.asyncio.server import ServerConnection, serve
 
 from pointit.bridges.home_assistant.connection import connected
 from pointit.cli.maps.exchange import import_
 from pointit.cli.maps.home_assistant import HomeEntity, chosen_entities, entities_of, with_things
 from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.errors import ConfigError
 from pointit.schemas.topics import CONFIGURATION, HEALTH
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port
-from tests.support.certificates import issue
 from tests.support.home_assistant import (
     TOKEN,
     HomeSite,
@@ -30,11 +27,11 @@ from tests.support.home_assistant import (
     config_of,
     played,
     reading,
+    refusal,
     start,
     thing,
     token_file,
 )
-from tests.support.tls_servers import REFUSALS, refusing
 
 RECORDING = Path(__file__).parents[1] / "data/home_assistant_2025_4_4.jsonl"
 LAMP = "light.desk"
@@ -313,15 +310,6 @@ async def test_rejected_token_is_sent_once_and_reported_until_it_changes(
     assert "another" not in published
 
 
-async def refusal(config: Any) -> str:
-    with pytest.raises(PointItError) as caught:
-        async with connected(config):
-            pass
-    assert TOKEN not in str(caught.value)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
 async def test_server_that_is_no_home_assistant_gets_no_token(tmp_path: Path) -> None:
     received: list[str | bytes] = []
 
@@ -385,71 +373,6 @@ async def test_answers_of_other_servers_give_one_sentence(
     assert "auth.example" not in problem
 
 
-async def test_redirect_of_an_encrypted_address_to_a_plain_one_is_not_offered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await reader.read(1000)
-        writer.write(b"HTTP/1.1 301 Moved\r\nLocation: http://ha.example/api/websocket\r\n\r\n")
-        writer.close()
-
-    authority, certificate, key = issue(tmp_path, "localhost")
-    monkeypatch.setenv("SSL_CERT_FILE", str(authority))
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate, key)
-    async with await asyncio.start_server(reply, "127.0.0.1", 0, ssl=context) as server:
-        port = server.sockets[0].getsockname()[1]
-        problem = await refusal(config_of(tmp_path, 1, url=f"https://localhost:{port}"))
-    assert "refers to http://ha.example, which does not encrypt: have the proxy pass" in problem
-    assert "write http://" not in problem
-
-
-@pytest.mark.parametrize("kind", REFUSALS)
-async def test_refusal_by_tls_is_named_and_never_answered_by_leaving_encryption_out(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with refusing(tmp_path, kind) as (port, authority):
-        monkeypatch.setenv("SSL_CERT_FILE", str(authority))
-        problem = await refusal(config_of(tmp_path, 1, url=f"https://localhost:{port}"))
-        is_told_to_encrypt = await refusal(config_of(tmp_path, 1, url=f"http://localhost:{port}"))
-    assert REFUSALS[kind][1] in problem
-    assert "http://" not in problem
-    if kind != "version":
-        assert f"encrypts: write https://localhost:{port} as `url`" in is_told_to_encrypt
-
-
-async def test_proxy_that_answers_plain_requests_at_its_tls_port_still_encrypts(tmp_path: Path) -> None:
-    """A server that ends every handshake, and answers plain requests with 400 as nginx does."""
-
-    async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if (await reader.read(1000)).startswith(b"GET"):
-            writer.write(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
-        writer.close()
-
-    async with await asyncio.start_server(reply, "127.0.0.1", 0) as server:
-        port = server.sockets[0].getsockname()[1]
-        problem = await refusal(config_of(tmp_path, 1, url=f"https://127.0.0.1:{port}"))
-    assert "write http://" not in problem
-
-
-@pytest.mark.parametrize(
-    ("url", "sentence"),
-    [
-        ("http://[fe80::1]:8123", "fe80::1 is in more than one network: add this machine's interface, as in"),
-        ("http://[fe80::1%25lo]:8123", ""),
-        ("http://[fe80::1%lo]:8123", ""),
-    ],
-)
-def test_link_local_address_needs_its_interface_in_either_form(
-    url: str, sentence: str, tmp_path: Path
-) -> None:
-    if sentence:
-        with pytest.raises(ValidationError, match=sentence):
-            config_of(tmp_path, 1, url=url)
-        return
-    assert config_of(tmp_path, 1, url=url).url == "http://[fe80::1%lo]:8123"
-
-
 async def test_proxy_path_is_used_and_a_wrong_one_is_named(tmp_path: Path) -> None:
     paths: list[str] = []
 
@@ -468,33 +391,6 @@ async def test_proxy_path_is_used_and_a_wrong_one_is_named(tmp_path: Path) -> No
 async def test_name_that_is_not_known_is_named(tmp_path: Path) -> None:
     sentence = "the name hub.invalid in `url` is not known in this network ("
     assert sentence in await refusal(config_of(tmp_path, 1, url="http://hub.invalid:8123"))
-
-
-async def test_http_and_https_mixed_up_name_the_right_address(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    memory_home = lit_home()
-    async with memory_home.serving() as port:
-        config = config_of(tmp_path, port, url=f"https://127.0.0.1:{port}")
-        assert f"does not encrypt: write http://127.0.0.1:{port} as `url`" in await refusal(config)
-    authority, certificate, key = issue(tmp_path, "127.0.0.1")
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate, key)
-    async with memory_home.serving(ssl=context) as port:
-        assert f"encrypts: write https://127.0.0.1:{port} as `url`" in await refusal(
-            config_of(tmp_path, port)
-        )
-
-        config = config_of(tmp_path, port, url=f"https://127.0.0.1:{port}")
-        assert "is not trusted (" in (problem := await refusal(config))
-        assert "set the variable SSL_CERT_FILE to a file with its authority's certificate" in problem
-
-        monkeypatch.setenv("SSL_CERT_FILE", str(authority))
-        async with connected(config):
-            pass
-
-    port = free_port()
-    assert f"no Home Assistant answers at http://127.0.0.1:{port}" in await refusal(config_of(tmp_path, port))
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,15 @@ from pathlib import Path
 from ssl import SSLContext
 from typing import Any, cast
 
+import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import HomeAssistantConnection, LoginError
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, LoginError, connected
 from pointit.bridges.home_assistant.service import HomeAssistant
+from pointit.runtime.errors import PointItError
 from pointit.schemas import ActResult, Environment, Hover, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.topics import ACT_RESULTS, HOVER, MAP, SELECTION_EVENTS, THING_STATES
@@ -397,3 +399,13 @@ async def reading(connection: HomeAssistantConnection) -> AsyncGenerator[None]:
     """Hand on the messages of `connection` while the block runs."""
     async with background(connection.read()):
         yield
+
+
+async def refusal(config: Any) -> str:
+    """Return the sentence by which a connection with `config` fails. It has neither a token nor two lines."""
+    with pytest.raises(PointItError) as caught:
+        async with connected(config):
+            pass
+    assert TOKEN not in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)

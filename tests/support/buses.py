@@ -24,11 +24,15 @@ from pointit.runtime.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import SERVICE_ALIVE
+from tests.simulation.kernel.process import Host
+from tests.simulation.kernel.simulation import Simulation
+from tests.simulation.network.network import Network
+from tests.simulation.network.simulated_bus import SimulatedBus
 from tests.support.bench import until
 from tests.support.forked import ForkedProcess
 
-KINDS = ("memory", "zenoh-peer", "zenoh-router")
-"""In one process; clients of a listening process; clients of a router."""
+KINDS = ("memory", "simulated", "zenoh-peer", "zenoh-router")
+"""In one process; on the network of simulations; clients of a listening process; clients of a router."""
 
 TEST_PORTS = range(15000, 32000)
 """Ports below those that Linux gives to who asks for any (`net.ipv4.ip_local_port_range`)."""
@@ -79,6 +83,8 @@ async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
         if kind == "memory":
             exchange = LocalBroker()
             buses = [MemoryBus(exchange) for _ in range(3)]
+        elif kind == "simulated":
+            buses = _simulated_buses(name)
         else:
             endpoint = (f"tcp/127.0.0.1:{free_port()}",)
             links = [Link(site=name, connect=endpoint)] * 3
@@ -91,6 +97,17 @@ async def site_of(kind: str, name: str = "lab") -> AsyncGenerator[Site]:
         for bus in buses:
             stack.push_async_callback(bus.close)
         yield Site(kind, *buses)
+
+
+def _simulated_buses(name: str) -> list[Bus]:
+    """Return the buses of three processes on three machines."""
+    simulation = Simulation(asyncio.get_running_loop(), seed=1)
+    network = Network(simulation)
+    buses: list[Bus] = []
+    for host in ("a", "b", "c"):
+        process = simulation.start_process(host, Host(host, simulation))
+        buses.append(process.context.run(SimulatedBus, network, process, name))
+    return buses
 
 
 def free_port() -> int:

@@ -1,0 +1,121 @@
+"""Promises of single selection events: numbers, order, owners, carriers."""
+
+from typing import Any
+
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.schemas import topics
+from pointit.schemas.selection import REPEATED_REASON
+from tests.simulation.kernel.process import Process
+from tests.simulation.promises import promise
+from tests.simulation.promises.breaches import Breaches
+from tests.simulation.promises.history import GONE_EVENTS, History
+from tests.simulation.world.room import BUTTONS, SWITCHES
+from tests.simulation.world.world import World
+
+KNOWN_AFTER_S = 3.0
+"""Time after which a selector and a carrier on good links know each other, s."""
+ACT_CAUSES = ("", "dwell", "button", "clear")
+
+
+class EventPromises:
+    """Checks each selection event when it is told."""
+
+    def __init__(self, world: World, history: History, breaches: Breaches) -> None:
+        self._world = world
+        self._history = history
+        self._breaches = breaches
+        self._by_number: dict[int, Any] = {}
+        self._max_number = 0
+        self._owners: dict[str, str] = {}
+        """Owner of each selected object, by the events."""
+        self._has_been_absent: set[str] = set()
+        """Selected objects that were missing in a selection: they left, or their event follows."""
+
+    def on_put(self, process: Process, topic: AnyTopic, _name: str, message: Any) -> None:
+        """Check an event or a selection."""
+        if topic is topics.SELECTION:
+            self._check_selection(message)
+        elif topic is topics.SELECTION_EVENTS:
+            if message.event in GONE_EVENTS:
+                self._owners.pop(message.object_id, None)
+            else:
+                self._check_event(process, message)
+
+    def _check_selection(self, selection: Any) -> None:
+        things = {each.id for each in selection.objects}
+        if len(things) != len(selection.objects):
+            self._breaches.add(promise.ONE_OWNER, f"{selection!r}")
+        self._has_been_absent.update(thing for thing in self._owners if thing not in things)
+
+    def _check_event(self, process: Process, event: Any) -> None:
+        is_repeated = event.reason.endswith(REPEATED_REASON)
+        previous = self._by_number.get(event.seq)
+        if previous is not None:
+            self._check_repeated(previous, event, is_repeated=is_repeated)
+            return
+        if event.seq <= self._max_number:
+            self._breaches.add(promise.IN_ORDER, f"{event.seq} after {self._max_number}")
+        self._max_number = max(self._max_number, event.seq)
+        self._by_number[event.seq] = event
+        if event.event == "refused":
+            return
+        self._check_owner(event, is_repeated=is_repeated)
+        if is_repeated:
+            return
+        self._check_carriers(process, event)
+        is_fired = event.event == "selected" and event.object_id in BUTTONS
+        if is_fired and event.cause == "undo":
+            text = f"{event.object_id} of {event.user}, by {' '.join(event.carriers)}"
+            self._breaches.add(promise.UNDO_FIRES_NOTHING, text)
+
+    def _check_repeated(self, previous: Any, event: Any, *, is_repeated: bool) -> None:
+        is_same = (
+            previous.event == event.event
+            and previous.object_id == event.object_id
+            and previous.stamp_ns == event.stamp_ns
+            and previous.user == event.user
+        )
+        if not is_same:
+            self._breaches.add(promise.ONE_EVENT_A_NUMBER, f"{event.seq}: {previous!r} and {event!r}")
+        if not is_repeated:
+            self._breaches.add(promise.REPEATED_SAYS_SO, f"{event.seq} {event.object_id}")
+
+    def _check_owner(self, event: Any, *, is_repeated: bool) -> None:
+        thing = event.object_id
+        owner = self._owners.get(thing)
+        if event.event == "selected":
+            if owner is not None and not is_repeated and thing not in self._has_been_absent:
+                self._breaches.add(promise.ONE_OWNER, f"{thing} of {owner} is selected by {event.user}")
+            self._owners[thing] = event.user
+            self._has_been_absent.discard(thing)
+            return
+        if owner is None and not is_repeated:
+            self._breaches.add(promise.DESELECTS_SELECTED, f"{thing} by {event.user}: {event.reason}")
+        self._owners.pop(thing, None)
+
+    def _check_carriers(self, selector: Process, event: Any) -> None:
+        """Check that an act names the carriers that have been within reach for a while."""
+        is_act = event.event == "selected" or event.object_id in SWITCHES
+        is_of_person = event.user in self._world.people and event.cause in ACT_CAUSES and not event.reason
+        if not is_act or not is_of_person:
+            return
+        for name, (process, since_s) in self._history.carriers.items():
+            if name in event.carriers or self._world.device(name, event.object_id) is None:
+                continue
+            age_s = self._known_for_s(selector, process, since_s)
+            if age_s > KNOWN_AFTER_S:
+                text = f"{event.event} {event.object_id} of {event.user}: {name} is there for {age_s:.3f} s"
+                self._breaches.add(promise.NAMES_CARRIERS, text)
+
+    def _known_for_s(self, selector: Process, carrier: Process, since_s: float) -> float:
+        """Return the time for which a selector can have known a carrier, s. 0 if either has a bad link."""
+        sessions = self._world.network.router.sessions
+        start_s = since_s
+        for process in (selector, carrier):
+            session = sessions.get(process)
+            if session is None or process.is_still:
+                return 0.0
+            if not session.is_connected or not session.link.is_good:
+                return 0.0
+            start_s = max(start_s, process.began_s, session.connected_at_s)
+        return self._world.simulation.now_s - start_s

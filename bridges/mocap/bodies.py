@@ -14,6 +14,7 @@ from pointit.maps.frames import point_in_world
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.environment import Frame
+from pointit.schemas.expiring_dict import ExpiringDict
 from pointit.schemas.text import first_of, first_problem
 
 MAX_COORDINATE = 1e6
@@ -157,8 +158,8 @@ class Bodies:
     def __init__(self, config: MocapConfig) -> None:
         self._config = config
         self._tracks: dict[str, _Track] = {}
-        self._jumps: dict[str, int] = {}
-        """Sentences about jumps, and when they happened."""
+        self._jumps = ExpiringDict[str, None](REPORT_NS)
+        """Sentences about jumps."""
         self._frame_ns = 0
         self._has_head = False
         """True once a head was where one can be, so that axes and unit of the stream are right."""
@@ -230,9 +231,7 @@ class Bodies:
 
     def problem(self, now_ns: int) -> str:
         """Return a sentence about bodies that are not used, or `""`."""
-        for sentence, jumped_ns in tuple(self._jumps.items()):
-            if now_ns - jumped_ns >= REPORT_NS:
-                del self._jumps[sentence]
+        self._jumps.expire(now_ns)
         problems = list(self._jumps)
 
         # Bodies that are configured and not there
@@ -304,7 +303,7 @@ class Bodies:
             if is_swap:
                 program = self._config.program
                 text = f"{pose.name} is where {nearest.name} was: {program} has exchanged them"
-            self._jumps[f"{text}; make their markers more different"] = pose.stamp_ns
+            self._jumps.put(f"{text}; make their markers more different", None, pose.stamp_ns)
 
         # Used again when it has stayed there, with a velocity from there on
         wait_ns = SWAP_NS if is_swap else JUMP_NS

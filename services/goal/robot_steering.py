@@ -24,6 +24,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.cues import Cue
+from pointit.schemas.expiring_dict import ExpiringDict
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checker import GoalChecker, floor_distance_m
 from pointit.services.goal.goal_confirmation import MAX_PRESS_S, CueFactory, is_late
@@ -186,8 +187,8 @@ class RobotSteering:
         self._checker = GoalChecker(config, user)
         self._choice = RobotChoice(config.take, config.dwell_s)
         self._stays = StayDetector(config.radius_m, config.dwell_s)
-        self._robots: dict[str, tuple[RobotState, int]] = {}
-        """Newest state of each robot, and the time at which it came, ns."""
+        self._robots = ExpiringDict[str, RobotState](MAX_ROBOT_AGE_NS)
+        """Newest state of each robot."""
         self._taken: TakenRobot | None = None
         self._mode: Literal["none", "follow", "goals", "land"] = "none"
         self._landing_m: Vec3 | None = None
@@ -246,7 +247,7 @@ class RobotSteering:
 
     def on_robot(self, name: str, state: RobotState, now_ns: int) -> list[Output]:
         """Process the state of a robot."""
-        self._robots[name] = (state, now_ns)
+        self._robots.put(name, state, now_ns)
         self._choice.on_robot(name, state)
         if self._taken is None or self._taken.name != name:
             return []
@@ -327,7 +328,7 @@ class RobotSteering:
                 hint = nearest(name, sorted(self._robots))
             problem = f"there is no robot {name!r}" if name else "say which robot"
             raise RefusedError(f"{problem}; {hint}")
-        state, _ = self._robots[name]
+        state = self._robots[name]
         if state.kind == "quadrotor":
             raise RefusedError(f"{name} is not sent: take it by pointing, it follows where you point")
         reason = self._request_problem(name, place_m, now_ns)
@@ -367,10 +368,8 @@ class RobotSteering:
 
     def tick(self, now_ns: int) -> list[Output]:
         """Advance to `now_ns`: robots that fall silent are not waited for."""
-        for name, (_state, came_ns) in list(self._robots.items()):
-            if abs(now_ns - came_ns) > MAX_ROBOT_AGE_NS:
-                del self._robots[name]
-                self._choice.forget(name)
+        for name in self._robots.expire(now_ns):
+            self._choice.forget(name)
         if self._taken is None:
             return self._with_steering([], now_ns)
         self._taken.checked_ns = now_ns
@@ -405,7 +404,7 @@ class RobotSteering:
 
     def _take_robot(self, name: str, now_ns: int) -> list[Output]:
         """Request a robot for the person. Return a cue if it cannot be requested now."""
-        state, _ = self._robots[name]
+        state = self._robots[name]
         text = self._checker.unsure_reason
         if not text and state.user not in ("", self._user):
             text = f"{name} is steered by {state.user}: wait until it is free, or point at another robot"
@@ -474,7 +473,7 @@ class RobotSteering:
 
     def _robot_at(self, place_m: Vec3) -> str:
         """Return the robot, other than the person's, that stands at a place, or `""`."""
-        for name, (state, _) in self._robots.items():
+        for name, state in self._robots.items():
             if name == self.robot:
                 continue
             distance_m = floor_distance_m(state.position_m, place_m)

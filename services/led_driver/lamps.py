@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, LampLease, Localization, Selection
 from pointit.schemas.base import Rgb
+from pointit.schemas.expiring_dict import ExpiringDict
 from pointit.schemas.text import all_of
 from pointit.services.led_driver.config import LedDriverConfig
 
@@ -56,46 +57,32 @@ class LampQueue:
     def __init__(self, silence_ns: int) -> None:
         """Create without people. `silence_ns`: age after which a localization without lamps has ended."""
         self._silence_ns = silence_ns
-        self._active: dict[str, tuple[int, Localization]] = {}
-        """By user: time of arrival, ns, and last message. Those silent for longest come first."""
+        self.active = ExpiringDict[str, Localization](self._timeout_ns, max_keys=MAX_PEOPLE)
+        """By user."""
 
     def on_localization(self, user: str, localization: Localization, now_ns: int) -> None:
         """Set the state of `user`'s localization."""
-        self._active.pop(user, None)
         if localization.phase == "sampling":
-            self._active[user] = (now_ns, localization)
-        while len(self._active) > MAX_PEOPLE:
-            del self._active[next(iter(self._active))]
+            self.active.put(user, localization, now_ns)
+        else:
+            self.active.discard(user)
 
     def leave(self, user: str) -> None:
         """Remove `user`, who or whose localizer has left."""
-        self._active.pop(user, None)
+        self.active.discard(user)
 
     def expire(self, now_ns: int) -> None:
         """Remove localizations that have sent nothing for longer than the timeout."""
-        for user, (received_ns, localization) in list(self._active.items()):
-            if not 0 <= now_ns - received_ns < self._timeout_ns(localization):
-                del self._active[user]
-
-    def next_expiry_ns(self) -> int | None:
-        """Return the time of the next expiry without new messages, or None."""
-        expiries_ns: list[int] = []
-        for received_ns, localization in self._active.values():
-            timeout_ns = self._timeout_ns(localization)
-            expiries_ns.append(received_ns + timeout_ns)
-        return min(expiries_ns, default=None)
+        self.active.expire(now_ns)
 
     @property
     def is_in_use(self) -> bool:
         """True if anybody localizes rather than waits."""
-        return any(not localization.ahead for _, localization in self._active.values())
+        return any(not localization.ahead for localization in self.active.values())
 
     def service(self) -> LampService:
         """Return the order of people, those who point before those who wait, and the lamps to light."""
-        requests: list[tuple[str, Localization]] = []
-        for user, (_, localization) in self._active.items():
-            if localization.lamps:
-                requests.append((user, localization))
+        requests = [request for request in self.active.items() if request[1].lamps]
 
         # Each waits for those before them who use one of their lamps
         leases: list[LampLease] = []
@@ -126,7 +113,6 @@ def _precedence(request: tuple[str, Localization]) -> tuple[bool, int, str]:
 class _Hovered(NamedTuple):
     """The lamp of the thing at which a person points, and its brightness as last shown."""
 
-    received_ns: int
     lamp: str
     level: float
 
@@ -137,20 +123,19 @@ class ThingLamps:
     def __init__(self, color_of: Callable[[str], Rgb], timeout_ns: int) -> None:
         """Create without things. `color_of`: a person's colour. `timeout_ns`: age of an ended hover."""
         self._color_of = color_of
-        self._timeout_ns = timeout_ns
         self.lamps: dict[str, str] = {}
         """Lamps of the map's things, by thing. While there are none, `on_hover` need not be called."""
         self._selection: Selection | None = None
         self._owners: dict[str, str] = {}
         """People who have selected a thing, by its lamp."""
-        self._hovered: dict[str, _Hovered] = {}
+        self.hovered = ExpiringDict[str, _Hovered](timeout_ns)
         """By user."""
 
     def set_map(self, environment: Environment) -> None:
         """Set the things, of which those count whose lamp is in the map. Hovers are forgotten."""
         lamp_ids = {lamp.id for lamp in environment.lamps}
         self.lamps = {thing.id: thing.lamp for thing in environment.things if thing.lamp in lamp_ids}
-        self._hovered.clear()
+        self.hovered.clear()
         self._find_owners()
 
     def set_selection(self, selection: Selection) -> bool:
@@ -170,22 +155,22 @@ class ThingLamps:
 
     def on_hover(self, user: str, hover: Hover, now_ns: int) -> Change:
         """Set `user`'s hovered object. Return its effect."""
-        previous = self._hovered.get(user)
+        previous = self.hovered.get(user)
         lamp = self.lamps.get(hover.object_id)
         if lamp is None:
-            self._hovered.pop(user, None)
+            self.hovered.discard(user)
             return "none" if previous is None else "lamps"
         progress = 0.0 if hover.action == "refuse" else hover.progress
         level = HOVERED + (1.0 - HOVERED) * progress
         if previous is None or previous.lamp != lamp:
-            self._hovered[user] = _Hovered(now_ns, lamp, level)
+            self.hovered.put(user, _Hovered(lamp, level), now_ns)
             return "lamps"
 
         # A level that is not shown is not stored, so that many small steps add up to a visible one
         if abs(level - previous.level) < BRIGHTNESS_STEP:
-            self._hovered[user] = _Hovered(now_ns, lamp, previous.level)
+            self.hovered.put(user, _Hovered(lamp, previous.level), now_ns)
             return "none"
-        self._hovered[user] = _Hovered(now_ns, lamp, level)
+        self.hovered.put(user, _Hovered(lamp, level), now_ns)
         return "level"
 
     def colors(self, now_ns: int) -> dict[str, Rgb]:
@@ -193,11 +178,9 @@ class ThingLamps:
 
         A selected thing has its owner's colour. Among people who point at one, the greatest progress counts.
         """
-        for user, hovered in list(self._hovered.items()):
-            if not 0 <= now_ns - hovered.received_ns < self._timeout_ns:
-                del self._hovered[user]
+        self.hovered.expire(now_ns)
         shown: dict[str, tuple[float, str]] = {}
-        for user, (_, lamp, level) in self._hovered.items():
+        for user, (lamp, level) in self.hovered.items():
             if lamp not in shown or level > shown[lamp][0]:
                 shown[lamp] = (level, user)
         for lamp, owner in self._owners.items():
@@ -212,17 +195,13 @@ class ThingLamps:
         thing = next(thing for thing, thing_lamp in self.lamps.items() if thing_lamp == lamp)
         if lamp in self._owners:
             return f"{self._owners[lamp]} has selected {thing}"
-        users = sorted(user for user, hovered in self._hovered.items() if hovered.lamp == lamp)
+        users = sorted(user for user, hovered in self.hovered.items() if hovered.lamp == lamp)
         verb = "points" if len(users) == 1 else "point"
         return f"{all_of(users)} {verb} at {thing}"
 
     def _shade(self, user: str, level: float) -> Rgb:
         red, green, blue = (round(value * level) for value in self._color_of(user))
         return (red, green, blue)
-
-    def ends_ns(self) -> list[int]:
-        """Return the times at which hovers end without new ones."""
-        return [hovered.received_ns + self._timeout_ns for hovered in self._hovered.values()]
 
 
 class Lamps:
@@ -235,9 +214,8 @@ class Lamps:
     def __init__(self, config: LedDriverConfig, things: ThingLamps) -> None:
         self._colormap = config.lamps.colormap
         self._things = things
-        self._timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self.queue = LampQueue(int(config.lamps.localization_timeout_s * NS_PER_S))
-        self._cursors: dict[str, tuple[int, Cursor]] = {}
+        self._cursors = ExpiringDict[str, Cursor](int(config.cursor_timeout_s * NS_PER_S))
         self._set: dict[str, Rgb] = {}
         """Colours of lamps that were set."""
         self._ids: frozenset[str] = frozenset()
@@ -261,7 +239,7 @@ class Lamps:
 
     def on_cursor(self, user: str, cursor: Cursor, now_ns: int) -> None:
         """Set `user`'s cursor."""
-        self._cursors[user] = (now_ns, cursor)
+        self._cursors.put(user, cursor, now_ns)
         for lamp in cursor.lamps:
             if lamp.id in self._ids:
                 self._near_lamps.add(lamp.id)
@@ -283,9 +261,7 @@ class Lamps:
     def colors(self, now_ns: int) -> dict[str, Rgb]:
         """Return the colours of all lamps at `now_ns`."""
         self.queue.expire(now_ns)
-        for user, (received_ns, _) in list(self._cursors.items()):
-            if not 0 <= now_ns - received_ns < self._timeout_ns:
-                del self._cursors[user]
+        self._cursors.expire(now_ns)
         of_things = self._things.colors(now_ns) if self._things.lamps else {}
 
         # While nobody localizes: by angle, unless set, unless the lamp shows the state of its thing
@@ -304,16 +280,10 @@ class Lamps:
 
     def next_change_ns(self) -> int | None:
         """Return the time at which colours change without new messages, or None."""
-        changes_ns = self._things.ends_ns()
-        for received_ns, _ in self._cursors.values():
-            changes_ns.append(received_ns + self._timeout_ns)
-        for guard in self._guards.values():
-            if guard.free_ns is not None:
-                changes_ns.append(guard.free_ns)
-        expiry_ns = self.queue.next_expiry_ns()
-        if expiry_ns is not None:
-            changes_ns.append(expiry_ns)
-        return min(changes_ns, default=None)
+        changes_ns = [guard.free_ns for guard in self._guards.values()]
+        for expiring in (self._things.hovered, self._cursors, self.queue.active):
+            changes_ns.append(expiring.next_expiry_ns())
+        return min((change_ns for change_ns in changes_ns if change_ns is not None), default=None)
 
     def _add_guards(self, ids: Collection[str]) -> None:
         for lamp_id in ids:
@@ -323,7 +293,7 @@ class Lamps:
     def _color_by_angle(self, lamp_id: str) -> Rgb:
         """Return the colour of a lamp by its angle to the nearest ray."""
         miss_rad = math.inf
-        for _, cursor in self._cursors.values():
+        for cursor in self._cursors.values():
             for lamp in cursor.lamps:
                 if lamp.id == lamp_id:
                     miss_rad = min(miss_rad, lamp.miss_rad)

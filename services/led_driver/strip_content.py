@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.expiring_dict import ExpiringDict
 from pointit.schemas.pointing import LINES
 from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
 from pointit.services.led_driver.render import (
@@ -38,8 +38,6 @@ from pointit.services.led_driver.render import (
     Segments,
     tails,
 )
-
-T = TypeVar("T")
 
 NO_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one: a white cursor, solid."""
@@ -238,14 +236,14 @@ class StripContent:
     """Stores received messages and drops expired ones. Ages count from arrival."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
+        cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
         self._style = config.style
         self._appearances = AppearanceTable(config.style)
         self._layout = Layout(())
-        self._cursors: dict[str, tuple[int, Cursor]] = {}
-        self._hovers: dict[str, tuple[int, Hover]] = {}
-        self._objects: dict[str, tuple[int, TrackedObjects]] = {}
+        self._cursors = ExpiringDict[str, Cursor](cursor_timeout_ns)
+        self._hovers = ExpiringDict[str, Hover](cursor_timeout_ns)
+        self._objects = ExpiringDict[str, TrackedObjects](self._objects_timeout_ns)
         self._profiles: dict[str, UserProfile] = {}
         self._selection: Selection | None = None
         self._new_ns: int | None = None
@@ -266,8 +264,8 @@ class StripContent:
 
         It does if the cursor is or was on a line, or if another pixel is nearest to a ray past everything.
         """
-        _, previous = self._cursors.get(user, (0, NO_CURSOR))
-        self._cursors[user] = (now_ns, cursor)
+        previous = self._cursors.get(user, NO_CURSOR)
+        self._cursors.put(user, cursor, now_ns)
         if cursor.surface in LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
             return True
@@ -279,7 +277,7 @@ class StripContent:
 
     def cursor_color(self, user: str) -> Rgb:
         """Return the colour of `user`'s cursor, or of their profile without one."""
-        _, cursor = self._cursors.get(user, (0, NO_CURSOR))
+        cursor = self._cursors.get(user, NO_CURSOR)
         return self._color(self._profiles.get(user, NO_PROFILE), cursor)
 
     def profile_color(self, user: str) -> Rgb:
@@ -294,8 +292,8 @@ class StripContent:
     def set_hover(self, user: str, hover: Hover, now_ns: int) -> bool:
         """Set `user`'s hovered object. Return False if they hover nothing, as before: no pixel changes."""
         previous = self._hovers.get(user)
-        self._hovers[user] = (now_ns, hover)
-        has_hovered = previous is not None and bool(previous[1].object_id)
+        self._hovers.put(user, hover, now_ns)
+        has_hovered = previous is not None and bool(previous.object_id)
         if not hover.object_id and not has_hovered:
             return False
         self._appearance = None
@@ -303,7 +301,7 @@ class StripContent:
 
     def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
         """Set all objects of `tracker`."""
-        self._objects[tracker] = (now_ns, objects)
+        self._objects.put(tracker, objects, now_ns)
         self._placed = self._appearance = None
 
     def set_selection(self, selection: Selection) -> None:
@@ -325,26 +323,18 @@ class StripContent:
 
     def forget(self, now_ns: int) -> None:
         """Drop what has expired."""
-        _forget(self._cursors, now_ns, self._cursor_timeout_ns)
-        if _forget(self._hovers, now_ns, self._cursor_timeout_ns):
+        self._cursors.expire(now_ns)
+        if self._hovers.expire(now_ns):
             self._appearance = None
-        if _forget(self._objects, now_ns, self._objects_timeout_ns):
+        if self._objects.expire(now_ns):
             self._placed = self._appearance = None
 
     def next_change_ns(self) -> int | None:
         """Return the time of the next expiry without new messages, blink or step of a moving object."""
-        changes_ns: list[int] = []
-        for received_ns, _ in self._cursors.values():
-            changes_ns.append(received_ns + self._cursor_timeout_ns)
-        for received_ns, _ in self._hovers.values():
-            changes_ns.append(received_ns + self._cursor_timeout_ns)
-        for received_ns, _ in self._objects.values():
-            changes_ns.append(received_ns + self._objects_timeout_ns)
-        if self._blink_ns is not None:
-            changes_ns.append(self._blink_ns)
-        if self._motion_ns is not None:
-            changes_ns.append(self._motion_ns)
-        return min(changes_ns, default=None)
+        changes_ns = [self._blink_ns, self._motion_ns]
+        for expiring in (self._cursors, self._hovers, self._objects):
+            changes_ns.append(expiring.next_expiry_ns())
+        return min((change_ns for change_ns in changes_ns if change_ns is not None), default=None)
 
     def pop_newest_capture_ns(self) -> int | None:
         """Return the newest capture time of the cursors on lines that came since the last call."""
@@ -358,7 +348,7 @@ class StripContent:
         blinks = now_ns // BLINK_NS
         self._blink_ns = None
         for user in sorted(self._cursors):
-            cursor = self._cursors[user][1]
+            cursor = self._cursors[user]
 
             # The pixel nearest to a ray past everything blinks, all of them together
             passed_mark = None
@@ -418,9 +408,8 @@ class StripContent:
             self._placed = self._place_objects()
         placed = self._placed
         if self._appearance is None:
-            hovers = {user: hover for user, (_, hover) in self._hovers.items()}
             self._appearance = self._appearances.appearance(
-                placed.kinds, placed.ids, hovers, self._selection, self._profiles
+                placed.kinds, placed.ids, self._hovers, self._selection, self._profiles
             )
         looks = self._appearance
 
@@ -444,7 +433,7 @@ class StripContent:
 
     def _place_objects(self) -> _Placed:
         rows: list[tuple[int, TrackedObject, int]] = []
-        for _, tracked in self._objects.values():
+        for tracked in self._objects.values():
             rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
         rows.sort(key=lambda row: not row[1].lit)  # moving lights are drawn over a thing's light
 
@@ -480,11 +469,3 @@ class StripContent:
                 line = self._layout.line(item.surface, item.surface_id)
                 if line is not None:
                     yield line, item
-
-
-def _forget(received: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
-    count = len(received)
-    for name, (received_ns, _) in list(received.items()):
-        if now_ns - received_ns >= timeout_ns:
-            del received[name]
-    return len(received) < count

@@ -3,6 +3,7 @@
 from collections import Counter
 
 from pointit.schemas import NS_PER_S, Claim
+from pointit.schemas.expiring_dict import ExpiringDict
 
 MAX_CLAIMS = 10
 """Maximum claims of a kind per person and second: nobody points at more objects."""
@@ -20,7 +21,7 @@ class ClaimBudget:
     def __init__(self) -> None:
         self._second = 0
         self._claimed: Counter[tuple[str, str]] = Counter()
-        self._exceeded: dict[str, int] = {}
+        self._exceeded = ExpiringDict[str, None](WARNING_NS, max_keys=MAX_NAMED)
 
     def allows(self, user: str, claim: Claim, now_ns: int) -> bool:
         """Count a claim. Return False if it is one too many."""
@@ -31,15 +32,12 @@ class ClaimBudget:
         self._claimed[user, claim.wish] += 1
         if self._claimed[user, claim.wish] <= MAX_CLAIMS:
             return True
-        if user in self._exceeded or len(self._exceeded) < MAX_NAMED:
-            self._exceeded[user] = now_ns
+        self._exceeded.put(user, None, now_ns)
         return False
 
     def problem(self, now_ns: int) -> str:
         """Return a warning about people who have claimed too much recently, or `""`."""
-        for user, exceeded_ns in list(self._exceeded.items()):
-            if now_ns - exceeded_ns >= WARNING_NS:
-                del self._exceeded[user]
+        self._exceeded.expire(now_ns)
         if not self._exceeded:
             return ""
         names = ", ".join(sorted(self._exceeded))

@@ -312,7 +312,7 @@ def test_any_localizations_share_lamps_by_time_of_request(
         assert queue.service().targets == targets
         assert queue.is_in_use == any(not said.ahead for _, said in active.values())
         expiry_s = [at_s + (LAMPS_SILENCE_S if said.lamps else SILENCE_S) for at_s, said in active.values()]
-        assert queue.next_expiry_ns() == min((round(each * S) for each in expiry_s), default=None)
+        assert queue.active.next_expiry_ns() == min((round(each * S) for each in expiry_s), default=None)
 
 
 def test_leases_of_a_large_room_can_be_read() -> None:

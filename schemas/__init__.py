@@ -112,6 +112,7 @@ from pointit.schemas.robots import RobotKind, RobotPhase, RobotPlan, RobotState,
 from pointit.schemas.selection import (
     ActOutcome,
     ActResult,
+    ActState,
     Claim,
     ReservedObject,
     SelectedObject,
@@ -135,7 +136,7 @@ from pointit.schemas.system import (
 )
 
 __all__ = [
-    "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "ActOutcome", "ActResult", "AddPackage",
+    "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "ActOutcome", "ActResult", "ActState", "AddPackage",
     "AddPackageReply", "Anchor", "Announced", "Bay", "BayCount", "Belt", "BeltLink", "BeltSpeed",
     "BodyMeasures", "Box", "ButtonEvent", "CancelLocalization", "Candidate", "Claim", "ClearSelection",
     "ClockTick", "Cloud", "Configuration", "ConveyorState", "Cursor", "Cylinder", "DecodeError",

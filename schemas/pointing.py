@@ -222,7 +222,7 @@ class Cursor(Message):
 class Hover(Message):
     """The object under the person's cursor and how far its selection has come."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     object_id: Annotated[Id, Field(description="empty when none")] = ""
     progress: Fraction = 0.0
@@ -240,6 +240,10 @@ class Hover(Message):
         Along | None, Field(description="the same along the cursor's surface; None if nothing attracts it")
     ] = None
     miss_rad: Annotated[Extent | None, Field(description="from the ray to the object, 0: on it")] = None
+    act_ns: Annotated[
+        Ns | None,
+        Field(description="stamp of their last act on it since they came, one of `Selection.acts`, or None"),
+    ] = None
 
 
 class Announced(Message):

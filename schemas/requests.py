@@ -217,7 +217,7 @@ class ReadHistory(Query):
 class ReadHistoryReply(Reply):
     """The published events, as far as there is room. The oldest are left out."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 256 * 1024
 

@@ -12,6 +12,9 @@ SelectsBy = Literal["stay", "press"]
 TargetState = Literal["", "on", "off", "unknown", "unavailable"]
 ResultKind = Literal["done", "failed", "started"]
 """`started`: it runs for long, and `done` or `failed` follows."""
+ActStatus = Literal["asked", "pending", "done", "failed", "unanswered"]
+"""What is known of an act. `asked`: its carriers were told, nothing else. `pending`: they have told that it
+has started. `unanswered`: they did not tell the result in time, so that nobody knows it."""
 FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "busy", "replaced", "error"]
 """Kind of a failure: not reachable; not allowed or not possible; nothing changed; not in time; too many at
 once; a newer act replaced it; a fault."""
@@ -41,7 +44,9 @@ class SelectedObject(SchemaModel):
     confidence: Annotated[
         Fraction | None, Field(description="probability that it was meant among nearby objects, or None")
     ] = None
-    is_pending: Annotated[bool, Field(description="its carriers have not told yet that it is on")] = False
+    is_pending: Annotated[
+        bool, Field(description="its carriers have not told yet that it is on or has started")
+    ] = False
 
 
 class ReservedObject(SchemaModel):
@@ -52,16 +57,33 @@ class ReservedObject(SchemaModel):
     until_ns: Annotated[Ns, Field(description="free again then, unless held on")]
 
 
-class Selection(Message):
-    """Everything that is selected now."""
+class ActState(SchemaModel):
+    """An act of a person on an object, and what is known of it. The object and `event_ns` identify it."""
 
-    version: ClassVar[int] = 4
+    object_id: Id
+    user: Annotated[KeyNameOrEmpty, Field(description="person who did it")] = ""
+    event_ns: Annotated[Ns, Field(description="stamp of its `SelectionEvent`")]
+    effect: Annotated[
+        Literal["", "select", "deselect"], Field(description="what it is to do; empty if it was refused")
+    ] = ""
+    status: ActStatus
+    code: Annotated[FailureCode, Field(description="kind of the failure; empty if it has not failed")] = ""
+    text: Annotated[str, Field(description="cause of the failure, and the remedy")] = ""
+
+
+class Selection(Message):
+    """Everything that is selected now, and what is known of the acts that led to it."""
+
+    version: ClassVar[int] = 5
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for all objects that can be tracked."""
 
     objects: Many[SelectedObject] = ()
     reserved: Many[ReservedObject] = ()
+    acts: Annotated[
+        Many[ActState], Field(description="last acts of each person on each object, the newest last")
+    ] = ()
     method: Annotated[Id | None, Field(description="method of selecting in use, told where shards run")] = (
         None
     )
@@ -86,7 +108,7 @@ class SelectionManner(Message):
 class SelectionEvent(Message):
     """Something happened to an object: a person (de)selected it, or it left."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     event: Literal["selected", "deselected", "refused", "left", "dispatched"]
     object_id: Id
@@ -106,6 +128,9 @@ class SelectionEvent(Message):
         Many[KeyName],
         Field(description="services that carry it out: an `ActOutcome` follows. Empty: it is done"),
     ] = ()
+    status: Annotated[
+        ActStatus | None, Field(description="state of its act; None in old recordings, where `carriers` tell")
+    ] = None
 
     @property
     def thing(self) -> str:
@@ -204,3 +229,12 @@ class ActOutcome(Message):
         bool,
         Field(description="told again after a restart of the selector: it may have been told before"),
     ] = False
+
+    @property
+    def status(self) -> ActStatus:
+        """Return the state of the act that it tells."""
+        if self.result == "started":
+            return "pending"
+        if self.result == "done":
+            return "done"
+        return "unanswered" if self.code == "no_answer" else "failed"

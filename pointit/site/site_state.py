@@ -113,7 +113,9 @@ class ActResults:
             return None
         if outcome.result == "failed":
             del self._pending[key]
-            refusal = {"event": "refused", "reason": outcome.text, "carriers": ()}
+            refusal = {
+                "event": "refused", "reason": outcome.text, "carriers": (), "status": outcome.status
+            }  # fmt: skip
             return pending.event.model_copy(update=refusal)
 
         was_shown = pending.is_shown
@@ -124,7 +126,7 @@ class ActResults:
             del self._pending[key]
         if was_shown:
             return None
-        return pending.event.model_copy(update={"carriers": ()})
+        return pending.event.model_copy(update={"carriers": (), "status": outcome.status})
 
 
 class SiteState:

@@ -16,6 +16,7 @@ from pointit.schemas import (
     ThingStates,
 )
 from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
+from pointit.services.selector.act_states import ActStates
 from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
@@ -73,6 +74,7 @@ class Arbiter:
         self._reservations = ownership.reservations
         self._positions = ownership.positions
         self._acts = ownership.acts
+        self._act_states = ActStates()
         self._latch = latch
         self._departures = Departures(config.unseen_after_s)
 
@@ -139,13 +141,16 @@ class Arbiter:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:
             self._acts.resume(record, is_newest=is_newest)
+            self._act_states.begin(record)
         self._acts.expect(carried)
 
     def repeat_outcomes(self, outcomes: Iterable[ActOutcome]) -> list[OutgoingMessage]:
         """Return the messages of outcomes that may not have been published before a restart."""
-        return [
-            self._publisher.outcome(outcome.model_copy(update={"is_repeated": True})) for outcome in outcomes
-        ]
+        outputs: list[OutgoingMessage] = []
+        for outcome in outcomes:
+            self._act_states.restore(outcome)
+            outputs.append(self._publisher.outcome(outcome.model_copy(update={"is_repeated": True})))
+        return outputs
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
@@ -181,7 +186,8 @@ class Arbiter:
                 objects.append(selected.model_copy(update={"is_pending": True}))
             else:
                 objects.append(selected)
-        return self._publisher.selection(now_ns, tuple(objects), self._reservations.objects(), dwell_s)
+        reserved = self._reservations.objects()
+        return self._publisher.selection(now_ns, tuple(objects), reserved, self._act_states.all(), dwell_s)
 
     def changed_selection(self, now_ns: int) -> list[OutgoingMessage]:
         """Return the selection if it has changed since it was returned last."""
@@ -379,7 +385,9 @@ class Arbiter:
         object_id = act.record.object_id
         name = act.record.kind or object_id
         code, _text = act.problem
-        outputs = [self._publisher.outcome(act.outcome(now_ns))]
+        outcome = act.outcome(now_ns)
+        self._act_states.conclude(act.record, outcome)
+        outputs = [self._publisher.outcome(outcome)]
 
         # Replaced: the newer act decides on the state
         if code == "replaced":
@@ -403,10 +411,12 @@ class Arbiter:
     def _take_back(self, act: PendingAct, now_ns: int) -> list[OutgoingMessage]:
         """Give the object of a failed act its previous state. Return the event, if there is one."""
         object_id = act.record.object_id
+        if self._positions.mode(object_id) == "button":
+            return self._end_failed_button(act, now_ns)
         wanted_state = "on" if act.event == "selected" else "off"
         if self._acts.has_state(object_id, wanted_state):
             return []
-        if not act.is_newest or self._positions.mode(object_id) == "button":
+        if not act.is_newest:
             return []
         _code, text = act.problem
         record = self._ledger.take_back(act.record, now_ns, f"{NOT_DONE}{text}")
@@ -414,6 +424,15 @@ class Arbiter:
             return []
         # targets that have done it, or may do it yet, go back, too
         return self._publisher.event(record, act.record.carriers)
+
+    def _end_failed_button(self, act: PendingAct, now_ns: int) -> list[OutgoingMessage]:
+        """Deselect a button that did not fire, if it is still shown: what is selected has fired."""
+        object_id = act.record.object_id
+        if not act.is_newest or object_id not in self._ledger.entries:
+            return []
+        _code, text = act.problem
+        record = self._ledger.end(object_id, now_ns)
+        return self._publisher.event(record._replace(reason=f"{NOT_DONE}{text}"))
 
     def _failure_cue(self, act: PendingAct, now_ns: int) -> OutgoingMessage:
         """Return the cue of an act that failed."""
@@ -539,6 +558,7 @@ class Arbiter:
         for record in records:
             self._reservations.free(record.object_id)
             self._acts.replace(record.object_id, "claim")
+            self._act_states.forget((record.object_id,))
             self._publisher.write(record)
         if not records:
             return []
@@ -558,11 +578,12 @@ class Arbiter:
                 for act in self._acts.replace(record.object_id, mode):
                     earlier_outputs += self._conclude(act, now_ns, record.user)
                 events.append(self._acts.begin(record, mode))
+        for record in events:
+            self._act_states.begin(record)
 
         # Messages: the selection, then what has led to it
         outputs: list[OutgoingMessage] = []
-        is_refused = all(change.is_refused for change in changes)
-        if not is_refused:
+        if events:
             outputs.append(OutgoingMessage("", self.selection(now_ns)))
         outputs += earlier_outputs
         for record in events:

@@ -81,6 +81,8 @@ class HoverEngine:
         """Number of hovers by person."""
         self._empty_ns: dict[str, int] = {}
         """Stamp of the last hover of each person whose last hover had no object, ns."""
+        self._acts_here: dict[str, tuple[str, int]] = {}
+        """Object and stamp of the last act of each person on what they hover, since they came to it, ns."""
 
     def use(self, config: SelectorConfig) -> None:
         """Change the method or its times."""
@@ -262,6 +264,11 @@ class HoverEngine:
         """Forget the pointing of `user`, for whom another selector points from now on."""
         self._people.pop(user, None)
         self._empty_ns.pop(user, None)
+        self._acts_here.pop(user, None)
+
+    def forget_act(self, user: str) -> None:
+        """Forget the last act of `user`, on which nobody decides."""
+        self._acts_here.pop(user, None)
 
     def renew(self) -> None:
         """Note that the objects that people point at may be selected already: owners are known only now."""
@@ -286,6 +293,7 @@ class HoverEngine:
         action, _taken_by = self._ownership.action(user, object_id, now_ns)
         if object_id not in self._positions.objects or not action:
             return []
+        self._acts_here[user] = object_id, now_ns
         claim = Claim(
             stamp_ns=now_ns,
             object_id=object_id,
@@ -322,6 +330,7 @@ class HoverEngine:
         """Return the hover of `cursor`, or None if it is one without an object that is not due."""
         object_id = pointed.object_id
         stamp_ns = cursor.stamp_ns
+        act_ns = self._act_here(user, object_id)
 
         # Most cursors are on nothing: those are sent at a lower rate
         if object_id is None:
@@ -357,7 +366,18 @@ class HoverEngine:
             snapped_m=snapped_m,
             snapped_position_m=snapped_position_m,
             miss_rad=miss_rad,
+            act_ns=act_ns,
         )
+
+    def _act_here(self, user: str, object_id: str | None) -> int | None:
+        """Return the stamp of the last act of `user` on what they hover, ns. An act on what they left ends."""
+        if user not in self._acts_here:
+            return None
+        acted_id, act_ns = self._acts_here[user]
+        if acted_id == object_id:
+            return act_ns
+        del self._acts_here[user]
+        return None
 
 
 class PointingEngine:

@@ -122,6 +122,7 @@ class ShardEngine(PointingEngine):
             if abs(now_ns - open_claim.claim.stamp_ns) > GIVE_UP_NS * speed:
                 del self._open[key]
                 if not open_claim.is_decided:
+                    self._hovers.forget_act(open_claim.user)
                     outputs.append(self._no_arbiter_cue(open_claim.user, now_ns))
                 continue
             if open_claim.is_decided or not self.has_arbiter:
@@ -144,6 +145,7 @@ class ShardEngine(PointingEngine):
                 self._reserved[user] = reservation
                 outputs.append(OutgoingMessage(user, reservation))
             elif not self.has_arbiter:
+                self._hovers.forget_act(user)
                 outputs.append(self._no_arbiter_cue(user, now_ns))
             else:
                 claim = self._numbered(user, message)

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 from pointit.schemas import (
     ActOutcome,
+    ActState,
     Announced,
     Claim,
     Feedback,
@@ -18,7 +19,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.base import Count, Fraction, Ns
 from pointit.schemas.cues import SIGNS
-from pointit.schemas.selection import REPEATED_REASON
+from pointit.schemas.selection import REPEATED_REASON, ActStatus
 
 Event = Literal["selected", "deselected", "refused", "left"]
 
@@ -74,6 +75,21 @@ class Record(NamedTuple):
     carriers: str = ""
     """Names of those who carry it out, with spaces between, until they have reported the result."""
 
+    @property
+    def effect(self) -> Literal["", "select", "deselect"]:
+        """Return what it is to do. `""` if it was refused, or its object left."""
+        effects: dict[str, Literal["select", "deselect"]] = {"selected": "select", "deselected": "deselect"}
+        return effects.get(self.event, "")
+
+    @property
+    def status(self) -> ActStatus | None:
+        """Return the state of its act before a carrier reports, or None if it is no act."""
+        if self.event == "left":
+            return None
+        if self.event == "refused":
+            return "failed"
+        return "asked" if self.carriers else "done"
+
 
 def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent | None:
     """Return the message of `record` with the number `seq`. None for `left`, which its tracker publishes.
@@ -96,6 +112,7 @@ def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent
         cause=record.cause,
         confidence=record.confidence,
         carriers=tuple(record.carriers.split()),
+        status=record.status,
     )
 
 
@@ -123,11 +140,12 @@ class SelectionPublisher:
         now_ns: int,
         objects: tuple[SelectedObject, ...],
         reserved: tuple[ReservedObject, ...],
+        acts: tuple[ActState, ...],
         dwell_s: float | None,
     ) -> Selection:
         """Return the message of what is selected and reserved. `dwell_s`: sent with the method, or None."""
         selection = Selection(
-            stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved
+            stamp_ns=now_ns, seq=self._count("selection"), objects=objects, reserved=reserved, acts=acts
         )
         if dwell_s is None:
             return selection

@@ -1,0 +1,106 @@
+"""What is known of each act, in the selection that all screens read, and its identity in the hover."""
+
+from pointit.schemas import Selection, ThingState
+from pointit.schemas.selection import NOT_DONE
+from pointit.services.selector.act_states import MAX_ACT_STATES, ActStates
+from pointit.services.selector.selection_publisher import OutgoingMessage, Record
+from tests.unit.selector.room import at
+from tests.unit.selector.test_acts import Home
+
+BELL = ThingState(id="screws")
+
+
+class Screen(Home):
+    """A home, and the states of acts that a screen can have read since."""
+
+    def __init__(self, *states: ThingState) -> None:
+        self.selections: list[Selection] = []
+        super().__init__(*states)
+
+    def take(self, outputs: list[OutgoingMessage]) -> None:
+        super().take(outputs)
+        self.selections += [item.message for item in outputs if isinstance(item.message, Selection)]
+
+    @property
+    def states(self) -> list[tuple[str, str, str, str]]:
+        acts = self.selections[-1].acts
+        return [(act.object_id, act.user, act.effect, act.status) for act in acts]
+
+
+def test_act_is_asked_pending_and_done_in_published_selections() -> None:
+    screen = Screen(BELL)
+    screen.point(21.0, 3.0)
+    assert screen.states == [("screws", "anna", "select", "asked")]
+    screen.tell("started")
+    assert screen.states == [("screws", "anna", "select", "pending")]
+    screen.tell("done")
+    assert screen.states == [("screws", "anna", "select", "done")]
+
+
+def test_hover_names_the_act_until_its_object_is_left() -> None:
+    screen = Screen(BELL)
+    screen.point(21.0, 3.0)
+    screen.tell("done")
+    screen.point(21.0, 0.1)
+    assert screen.hover.act_ns == screen.selections[-1].acts[0].event_ns == screen.acts[0].stamp_ns
+    screen.point(80.0, 0.5)
+    screen.point(21.0, 0.2)
+    assert (screen.hover.object_id, screen.hover.act_ns) == ("screws", None)
+
+
+def test_button_that_failed_is_selected_in_no_selection_as_fired() -> None:
+    screen = Screen(BELL)
+    while not screen.acts:
+        screen.point(21.0, 0.1)
+    screen.tell("failed", code="error", text="no program")
+    shown = [item for selection in screen.selections for item in selection.objects]
+    assert shown
+    assert all(item.is_pending for item in shown)
+    assert screen.states == [("screws", "anna", "select", "failed")]
+    assert screen.selections[-1].acts[0].text == "no program"
+    assert screen.events[-1].reason == f"{NOT_DONE}no program"
+
+
+def test_act_without_an_answer_is_told_as_unanswered() -> None:
+    screen = Screen(BELL)
+    screen.point(21.0, 3.0)
+    screen.point(80.0, 7.0)
+    assert screen.states == [("screws", "anna", "select", "unanswered")]
+
+
+def test_act_without_a_carrier_is_done_and_one_that_is_not_allowed_failed() -> None:
+    screen = Screen()
+    screen.point(-21.0, 3.0)
+    screen.point(-21.0, 3.0, user="bert")
+    assert screen.states == [("crate", "anna", "select", "done"), ("crate", "bert", "", "failed")]
+    assert "only anna can deselect it" in screen.selections[-1].acts[-1].text
+
+
+def test_undo_leaves_the_state_of_the_act_that_a_hover_names() -> None:
+    screen = Screen()
+    screen.point(-21.0, 3.0)
+    screen.take(screen.engine.undo("anna", at(screen.time_s)))
+    screen.point(-21.0, 0.1)
+    acts = screen.selections[-1].acts
+    assert [(act.effect, act.status) for act in acts] == [("select", "done"), ("deselect", "done")]
+    assert screen.hover.act_ns == acts[0].event_ns
+
+
+def test_restarted_selector_tells_of_the_act_that_it_waits_for() -> None:
+    screen = Screen(BELL)
+    record = Record(
+        at(1.0), "selected", "screws", "screws", "anna", "anna", at(1.0), "dwell", carriers="home"
+    )
+    screen.engine.restore({}, 1, at(screen.time_s), pending=[(record, True)])
+    (act,) = screen.engine.selection(at(screen.time_s)).acts
+    assert (act.object_id, act.event_ns, act.status) == ("screws", at(1.0), "asked")
+
+
+def test_states_of_the_oldest_acts_go_first() -> None:
+    states = ActStates()
+    for number in range(MAX_ACT_STATES + 5):
+        states.begin(Record(at(number), "selected", f"thing{number}", user="anna", owner="anna"))
+    kept = states.all()
+    assert (len(kept), kept[0].object_id) == (MAX_ACT_STATES, "thing5")
+    states.forget({"thing5"})
+    assert states.all()[0].object_id == "thing6"

@@ -242,7 +242,9 @@ class Hover(Message):
     miss_rad: Annotated[Extent | None, Field(description="from the ray to the object, 0: on it")] = None
     act_ns: Annotated[
         Ns | None,
-        Field(description="stamp of their last act on it since they came, one of `Selection.acts`, or None"),
+        Field(
+            description="`asked_ns` of their last act on it since they came, see `Selection.acts`, or None"
+        ),
     ] = None
 
 

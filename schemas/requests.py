@@ -20,7 +20,7 @@ from pointit.schemas.base import (
 )
 from pointit.schemas.person import MAX_WORDS, Deictic, PointingOffset, Referent
 from pointit.schemas.pointing import Covariance, RememberedBias
-from pointit.schemas.selection import SelectionEvent
+from pointit.schemas.selection import ActStatus, SelectionEvent
 
 
 class AddPackage(Query):
@@ -363,4 +363,13 @@ class SetYawOrigin(Query):
 
 
 class Done(Reply):
-    """It was done."""
+    """It was done, or the acts of a selection were begun."""
+
+    version: ClassVar[int] = 2
+
+    status: Annotated[
+        ActStatus | None,
+        Field(
+            description="of requests to the selector: state of the acts, of the least one; None without acts"
+        ),
+    ] = None

@@ -63,6 +63,9 @@ class ActState(SchemaModel):
     object_id: Id
     user: Annotated[KeyNameOrEmpty, Field(description="person who did it")] = ""
     event_ns: Annotated[Ns, Field(description="stamp of its `SelectionEvent`")]
+    asked_ns: Annotated[
+        Ns, Field(description="stamp of the cursor, press or request that asked for it: `act_ns` of a hover")
+    ]
     effect: Annotated[
         Literal["", "select", "deselect"], Field(description="what it is to do; empty if it was refused")
     ] = ""

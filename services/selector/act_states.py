@@ -24,8 +24,8 @@ class ActStates:
         """Return the states, that of the newest act last."""
         return tuple(self._states.values())
 
-    def begin(self, record: Record) -> None:
-        """Note an act that a person did, or that was refused."""
+    def begin(self, record: Record, asked_ns: int) -> None:
+        """Note an act that a person asked for at `asked_ns`, and that was begun or refused."""
         status = record.status
         if status is None:  # it is no act: its object has left
             return
@@ -33,6 +33,7 @@ class ActStates:
             object_id=record.object_id,
             user=record.user,
             event_ns=record.stamp_ns,
+            asked_ns=asked_ns,
             effect=record.effect,
             status=status,
             code="refused" if status == "failed" else "",

@@ -141,7 +141,7 @@ class Arbiter:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:
             self._acts.resume(record, is_newest=is_newest)
-            self._act_states.begin(record)
+            self._act_states.begin(record, record.stamp_ns)
         self._acts.expect(carried)
 
     def repeat_outcomes(self, outcomes: Iterable[ActOutcome]) -> list[OutgoingMessage]:
@@ -579,7 +579,7 @@ class Arbiter:
                     earlier_outputs += self._conclude(act, now_ns, record.user)
                 events.append(self._acts.begin(record, mode))
         for record in events:
-            self._act_states.begin(record)
+            self._act_states.begin(record, now_ns)
 
         # Messages: the selection, then what has led to it
         outputs: list[OutgoingMessage] = []

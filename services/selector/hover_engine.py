@@ -370,7 +370,7 @@ class HoverEngine:
         )
 
     def _act_here(self, user: str, object_id: str | None) -> int | None:
-        """Return the stamp of the last act of `user` on what they hover, ns. An act on what they left ends."""
+        """Return the stamp of the last act of `user` on what they hover, ns, or None. Forget others."""
         if user not in self._acts_here:
             return None
         acted_id, act_ns = self._acts_here[user]

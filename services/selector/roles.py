@@ -48,6 +48,9 @@ Put = Callable[[list[OutgoingMessage]], list[OutgoingMessage]]
 Use = Callable[[str | None, float | None], SelectorConfig]
 """Changes the method or its time, and returns the parameters in use. Raises ValueError or ConfigError."""
 
+_ActKey = tuple[str, int]
+"""Object and stamp of the event of an act."""
+
 MAX_UNKNOWN_S = 1.0
 """Time after the start until which requests wait for map, objects and carriers, s. Some may never come."""
 MAX_ANSWER_S = 0.6 * REQUEST_TIMEOUT_S
@@ -83,7 +86,7 @@ class SiteRole:
         self._manners = bus.publisher(topics.MANNER)
         self._manner: SelectionManner | None = None
         """Last one that was published, without its stamp and number."""
-        self._waiting: dict[tuple[str, int], asyncio.Future[ActOutcome]] = {}
+        self._waiting: dict[_ActKey, asyncio.Future[ActOutcome]] = {}
         """Callers that wait for the outcome of an event, by its object and stamp."""
         self._carrier_warnings: dict[str, str] = {}
         """Warnings in force about carriers that cannot act, by carrier."""
@@ -217,54 +220,82 @@ class SiteRole:
         return self._has_map and self.engine.knows_things(*things)
 
     async def _clear(self, _query: ClearSelection, user: str) -> Done:
+        answer_by_s = asyncio.get_running_loop().time() + MAX_ANSWER_S
         await self._know_things()
         outputs = self._put(self.engine.clear(user, self._clock.now_ns()))
         deselected = [event for event in _events(outputs) if event.event == "deselected"]
-        return Done(message=f"{len(deselected)} of {user}'s objects deselected")
+        return await self._reply(outputs, f"{len(deselected)} of {user}'s objects deselected", answer_by_s)
 
     async def _undo(self, _query: UndoSelection, user: str) -> Done:
+        answer_by_s = asyncio.get_running_loop().time() + MAX_ANSWER_S
         await self._know_things()
         outputs = self._put(self.engine.undo(user, self._clock.now_ns()))
-        return Done(message=_done_message(outputs))
+        return await self._reply(outputs, _done_message(outputs), answer_by_s)
 
     async def _release(self, query: ReleaseObject, user: str) -> Done:
+        answer_by_s = asyncio.get_running_loop().time() + MAX_ANSWER_S
         await self._know_things()
         now_ns = self._clock.now_ns()
         outputs = self._put(self.engine.release(user, query.object_id, query.take_over, now_ns))
-        return Done(message=_done_message(outputs))
+        return await self._reply(outputs, _done_message(outputs), answer_by_s)
 
     async def _set_thing(self, query: SetThing, user: str) -> Done:
         answer_by_s = asyncio.get_running_loop().time() + MAX_ANSWER_S
         await self._know_things(query.thing)
         outputs = self._put(self.engine.set_thing(user, query, self._clock.now_ns()))
-        if not outputs:
-            state = "on" if query.on else "off"
-            if self.engine.is_pending(query.thing):
-                return Done(message=f"{query.thing} is being switched {state}: its result is not told yet")
-            return Done(message=f"{query.thing} is {state} already")
-        message = _done_message(outputs)
-        event = next((event for event in _events(outputs) if event.carriers), None)
-        if event is None:  # nobody carries it out
-            return Done(message=message)
+        if outputs:
+            return await self._reply(outputs, _done_message(outputs), answer_by_s)
+        state = "on" if query.on else "off"
+        if self.engine.is_pending(query.thing):
+            message = f"{query.thing} is being switched {state}: its result is not told yet"
+            return Done(message=message, status="asked")
+        return Done(message=f"{query.thing} is {state} already", status="done")
 
-        # Wait for the carriers, but not for longer than the caller does
-        key = event.object_id, event.stamp_ns
-        outcome_future = asyncio.get_running_loop().create_future()
-        self._waiting[key] = outcome_future
+    async def _reply(self, outputs: Sequence[OutgoingMessage], message: str, answer_by_s: float) -> Done:
+        """Return the reply to a request that has led to `outputs`, with what its carriers have told.
+
+        Raises:
+            RefusedError: If an act has failed. The message gives the reason.
+        """
+        events = [event for event in _events(outputs) if not event.takes_back and event.event != "refused"]
+        acts = [event for event in events if event.carriers]
+        if not acts:
+            return Done(message=message, status="done" if events else None)
+
+        # Acts that have failed are no part of what was done
+        outcomes = await self._outcomes(acts, answer_by_s)
+        failures: list[str] = []
+        for event in acts:
+            outcome = outcomes.get(_key(event))
+            if outcome is not None and outcome.result == "failed":
+                failures.append(f"{event.kind or event.object_id}: {outcome.text}")
+        if failures:
+            raise RefusedError("; ".join(failures))
+        silent_carriers: set[str] = set()
+        for event in acts:
+            if _key(event) not in outcomes:
+                silent_carriers.update(event.carriers)
+        if silent_carriers:
+            names = ", ".join(sorted(silent_carriers))
+            return Done(message=f"{message}; {names} did not tell the result yet", status="asked")
+        has_started = any(outcome.result == "started" for outcome in outcomes.values())
+        if has_started:
+            return Done(message=f"{message}: started", status="pending")
+        return Done(message=message, status="done")
+
+    async def _outcomes(self, acts: Sequence[SelectionEvent], until_s: float) -> dict[_ActKey, ActOutcome]:
+        """Return the first outcome of each act that comes until `until_s` of the loop's time."""
+        futures: dict[_ActKey, asyncio.Future[ActOutcome]] = {}
+        for event in acts:
+            futures[_key(event)] = asyncio.get_running_loop().create_future()
+        self._waiting.update(futures)
         try:
-            async with asyncio.timeout_at(answer_by_s):
-                outcome = await outcome_future
-        except TimeoutError:
-            names = ", ".join(event.carriers)
-            return Done(message=f"{message}; {names} did not tell the result yet")
+            remaining_s = until_s - asyncio.get_running_loop().time()
+            await asyncio.wait(futures.values(), timeout=max(0.0, remaining_s))
         finally:
-            del self._waiting[key]
-        if outcome.result == "failed":
-            name = event.kind or event.object_id
-            raise RefusedError(f"{name}: {outcome.text}")
-        if outcome.result == "started":
-            message = f"{message}: started"
-        return Done(message=message)
+            for key in futures:
+                del self._waiting[key]
+        return {key: future.result() for key, future in futures.items() if future.done()}
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:
@@ -285,6 +316,10 @@ class SiteRole:
             name=config.method,
             installed=METHODS.names,
         )
+
+
+def _key(event: SelectionEvent) -> _ActKey:
+    return event.object_id, event.stamp_ns
 
 
 def _events(outputs: Sequence[OutgoingMessage]) -> list[SelectionEvent]:

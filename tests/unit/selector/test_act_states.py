@@ -42,7 +42,8 @@ def test_hover_names_the_act_until_its_object_is_left() -> None:
     screen.point(21.0, 3.0)
     screen.tell("done")
     screen.point(21.0, 0.1)
-    assert screen.hover.act_ns == screen.selections[-1].acts[0].event_ns == screen.acts[0].stamp_ns
+    assert screen.hover.act_ns == screen.selections[-1].acts[0].asked_ns
+    assert screen.selections[-1].acts[0].event_ns == screen.acts[0].stamp_ns
     screen.point(80.0, 0.5)
     screen.point(21.0, 0.2)
     assert (screen.hover.object_id, screen.hover.act_ns) == ("screws", None)
@@ -83,7 +84,7 @@ def test_undo_leaves_the_state_of_the_act_that_a_hover_names() -> None:
     screen.point(-21.0, 0.1)
     acts = screen.selections[-1].acts
     assert [(act.effect, act.status) for act in acts] == [("select", "done"), ("deselect", "done")]
-    assert screen.hover.act_ns == acts[0].event_ns
+    assert screen.hover.act_ns == acts[0].asked_ns
 
 
 def test_restarted_selector_tells_of_the_act_that_it_waits_for() -> None:
@@ -99,7 +100,7 @@ def test_restarted_selector_tells_of_the_act_that_it_waits_for() -> None:
 def test_states_of_the_oldest_acts_go_first() -> None:
     states = ActStates()
     for number in range(MAX_ACT_STATES + 5):
-        states.begin(Record(at(number), "selected", f"thing{number}", user="anna", owner="anna"))
+        states.begin(Record(at(number), "selected", f"thing{number}", user="anna", owner="anna"), 0)
     kept = states.all()
     assert (len(kept), kept[0].object_id) == (MAX_ACT_STATES, "thing5")
     states.forget({"thing5"})

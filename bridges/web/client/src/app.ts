@@ -287,8 +287,9 @@ function tell(change: SiteEvent): void {
   if (event.event === "selected") {
     if (isOwn) {
       controls.setSelected(id, true);
-      if (event.cause !== "undo" && event.cause !== "release") guide.selected(event);
-      if (settings.sound) chime(isWrong ? "buzz" : "tick");
+      const isDone = event.status !== "pending"; // what runs for long has only started
+      if (isDone && event.cause !== "undo" && event.cause !== "release") guide.selected(event);
+      if (settings.sound) chime(isWrong ? "buzz" : isDone ? "tick" : "single");
     }
     say(`${who}${isWrong ? "Not wanted" : outcome(site, event)}: ${what}`, isOwn, isWrong);
   } else if (isWrong && isLeaving) {

@@ -4,12 +4,12 @@ import { test } from "node:test";
 import { Controls } from "./controls";
 import { factsOf } from "./facts";
 import { guidance } from "./guidance";
-import type { Hover, SelectionEvent } from "./messages";
+import type { ActState, Hover } from "./messages";
 import { emptyPerson, emptySite } from "./site/site";
-import { noteChange } from "./site/things";
 
 const S = 1e9;
 const HOVER: Hover = {
+  act_ns: null,
   action: "select",
   is_selected: false,
   miss_rad: 0,
@@ -21,18 +21,15 @@ const HOVER: Hover = {
   stamp_ns: 10 * S,
   taken_by: "",
 };
-const EVENT: SelectionEvent = {
-  event: "selected",
+const ACT: ActState = {
   object_id: "movie",
   user: "ada",
-  cause: "dwell",
-  stamp_ns: 11 * S,
-  kind: "Movie",
-  reason: "",
-  bay: "",
-  confidence: null,
-  seq: 0,
-  carriers: [],
+  event_ns: 11 * S,
+  asked_ns: 11 * S,
+  effect: "select",
+  status: "done",
+  code: "",
+  text: "",
 };
 
 function home() {
@@ -48,7 +45,6 @@ function home() {
   Object.assign(ada, {
     line: { user: "ada", moved_by: "mouse", is_mine: true, source: "none" },
     hover: HOVER,
-    cameNs: 10 * S,
     interaction: { state: "pointing", next_step: "next", press: "" },
   });
   site.people.set("ada", ada);
@@ -66,29 +62,45 @@ function home() {
   return { site, ada, controls, card };
 }
 
-test("a refusal stays while one is on the thing, and another visit starts without it", () => {
-  const { site, ada, card } = home();
+test("what came of an act stays while one is on the thing, and another visit starts without it", () => {
+  const { site, card } = home();
+  const there = { action: "", act_ns: 11 * S } as const;
+  const tell = (...acts: Partial<ActState>[]): void => {
+    site.selection = { objects: [], reserved: [], acts: acts.map((act) => ({ ...ACT, ...act })) } as never;
+  };
   assert.equal(card(), "Movie: stay on it …");
-  noteChange(site, { ...EVENT, event: "refused", reason: "no Home Assistant answers: start it" });
-  assert.equal(card({ action: "" }), "Movie did not change: no Home Assistant answers: start it");
-  ada.cameNs = 20 * S;
+  tell({ status: "failed", text: "no Home Assistant answers: start it" });
+  assert.equal(card(there), "Movie did not change: no Home Assistant answers: start it");
   assert.equal(card({ action: "" }), "Movie: leave it, then point at it again.", "that was an earlier visit");
-  noteChange(site, { ...EVENT, stamp_ns: 21 * S });
-  assert.equal(card({ action: "" }), "Movie has fired. Continue with the next one.");
-  noteChange(site, { ...EVENT, event: "refused", stamp_ns: 21 * S, reason: "it did not follow" });
-  assert.equal(
-    card({ action: "" }),
-    "Movie did not change: it did not follow",
-    "a failed act has the stamp of its event",
-  );
-  noteChange(site, { ...EVENT, event: "deselected", stamp_ns: 22 * S, cause: "" });
-  assert.equal(
-    card({ action: "" }),
-    "Movie did not change: it did not follow",
-    "a button goes off by itself",
-  );
-  noteChange(site, { ...EVENT, event: "refused", stamp_ns: 22 * S, user: "ben", reason: "of another" });
-  assert.notEqual(card({ action: "" }), "Movie did not change: of another");
+  tell({ status: "done" });
+  assert.equal(card(there), "Movie has fired. Continue with the next one.");
+  tell({ status: "pending" });
+  assert.equal(card(there), "Movie has started; its result follows.");
+  tell({ status: "unanswered", text: "reactions did not report the result in time" });
+  assert.equal(card(there), "Movie did not answer: reactions did not report the result in time");
+  tell({ user: "ben", status: "failed", text: "of another" });
+  assert.equal(card(there), "Movie: in progress …", "the selector has not told of it yet");
+});
+
+test("an act is only asked until the selector tells of it, whatever is selected and whatever came before", () => {
+  const { site, card } = home();
+  const there = { action: "", act_ns: 12 * S } as const;
+  site.selection = {
+    objects: [{ id: "movie", user: "ada", is_pending: false }],
+    reserved: [],
+    acts: [ACT],
+  } as never;
+  assert.equal(card(there), "Movie: in progress …", "what was done is an earlier act");
+});
+
+test("a switch that was changed since an act is not told as that act left it", () => {
+  const { site, card } = home();
+  const radio = { object_id: "radio", action: "", act_ns: 11 * S } as const;
+  const acts = [{ ...ACT, object_id: "radio" }];
+  site.selection = { objects: [{ id: "radio", user: "ada" }], reserved: [], acts } as never;
+  assert.equal(card(radio), "Radio is on. Continue with the next one.");
+  site.selection = { objects: [], reserved: [], acts } as never;
+  assert.equal(card(radio), "Radio: leave it, then point at it again.", "it was switched off at its place");
 });
 
 test("an unavailable thing is said to be so before, during and after an act", () => {
@@ -106,7 +118,11 @@ test("a switch that is on, under way or not wanted has its own words", () => {
   site.selection = { objects: [{ id: "radio", user: "ada", is_pending: true }], reserved: [] } as never;
   assert.equal(card({ ...radio, action: "" }), "Radio: in progress …");
   site.selection = { objects: [{ id: "radio", user: "ben" }], reserved: [] } as never;
-  assert.equal(card({ ...radio, action: "", is_selected: true }), "Radio is on. Continue with the next one.");
+  assert.equal(
+    card({ ...radio, action: "", is_selected: true }),
+    "Radio: leave it, then point at it again.",
+    "others have switched it on",
+  );
   assert.equal(
     card({ ...radio, action: "deselect", is_selected: true }),
     "Radio is on; staying switches it off.",

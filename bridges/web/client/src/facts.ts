@@ -5,7 +5,7 @@ import { capital } from "./format";
 import type { Facts, Words } from "./guidance";
 import { emptySentence, passedSentence } from "./run";
 import { proposalOf, thingsOf, type Person, type Site } from "./site/site";
-import { isStarting, lastAct, unavailable } from "./site/things";
+import { isStarting, lastAct, unavailable, type KnownAct } from "./site/things";
 import { friendly, modeOf, nextStepOf, objectOf, ownCount, pressedSentence, thing } from "./words";
 
 /** What this person selected a moment ago. */
@@ -25,7 +25,7 @@ export function factsOf(
   const { user, hover, line } = person;
   const id = hover?.object_id ?? "";
   const object = objectOf(site, id);
-  const last = lastAct(site, person);
+  const act = lastAct(site, person);
   const closed = unavailable(site, id);
   const other = hover?.taken_by ?? "";
   const does = hover?.action ?? "";
@@ -40,7 +40,7 @@ export function factsOf(
     state: person.interaction?.state ?? "pointing",
     just: !success ? "" : success.isWrong ? "wrong" : "right",
     isOnThing: id !== "",
-    last: last.result,
+    last: act && isInForce(act, modeOf(site, id), owned !== undefined) ? act.status : "",
     barrier:
       other && does === "refuse"
         ? "taken"
@@ -58,14 +58,7 @@ export function factsOf(
     does,
     mode: modeOf(site, id),
     by: selectsBy(site, person),
-    owner:
-      owned?.user === user
-        ? controls.hasSelected(id)
-          ? "page"
-          : "person"
-        : owned || hover?.is_selected
-          ? "other"
-          : "",
+    owner: owned?.user === user ? (controls.hasSelected(id) ? "page" : "person") : owned ? "other" : "",
     steers,
     isProposed: proposalOf(person) !== null,
     isEmpty: empty !== "",
@@ -86,12 +79,20 @@ export function factsOf(
       passed,
       empty,
       pressed: pressedSentence(site),
-      why: facts.last === "refused" ? friendly(site, last.reason) || "it could not be selected" : closed,
+      why:
+        facts.last === "failed" || facts.last === "unanswered"
+          ? friendly(site, act?.text ?? "") || "it could not be selected"
+          : closed,
       did: success?.did ?? "",
       count: count > 1 ? `${count} are yours now. ` : "",
       wanted: `the ${controls.targetKinds.join(" or ")} ones`,
     },
   };
+}
+
+/** Whether the thing is as the act left it; it may have been changed since, by others or at its place. */
+function isInForce({ status, effect }: KnownAct, mode: Facts["mode"], isSelected: boolean): boolean {
+  return status !== "done" || mode === "button" || (effect === "select") === isSelected;
 }
 
 const WHO = { unknown: "unknown", none: "nobody", device: "device", simulation: "simulation" } as const;

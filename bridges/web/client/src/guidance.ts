@@ -3,7 +3,7 @@
  * The first row that fits is shown. It has no names of scenarios: what there is to do is stated by the site.
  */
 
-import type { Hover, Interaction, SelectionManner, TrackedObject } from "./messages";
+import type { ActState, Hover, Interaction, SelectionManner, TrackedObject } from "./messages";
 
 /** What there is to do: point at something, stay on it, leave it before it is full, press; or it does what was asked, or cannot. */
 export type Step = "aim" | "hold" | "leave" | "press" | "following" | "stopped";
@@ -22,8 +22,8 @@ export interface Facts {
   /** What this person selected a moment ago was to be selected, or not. */
   just: "" | "right" | "wrong";
   isOnThing: boolean;
-  /** Result of the last act on it since they came to it. */
-  last: "" | "done" | "refused";
+  /** State of their last act on it since they came to it; "" if there is none, or it was changed since. */
+  last: "" | ActState["status"];
   /** Reason why an act on it would fail, or should not be. */
   barrier: "" | "unavailable" | "starting" | "taken" | "late" | "pending" | "unwanted";
   /** Effect of staying on it, or of a press. */
@@ -90,6 +90,8 @@ const MINE = {
   offers: ["give"],
 } as const;
 const ON = { isOnThing: true, canSelect: true } as const;
+const THEIRS = ["page", "person"] as const;
+const SELECTED = ["page", "person", "other"] as const;
 const row = (name: string, when: Row["when"], say: Partial<Said>): Row => ({
   name,
   when,
@@ -160,7 +162,18 @@ export const TABLE: readonly Row[] = [
     { mode: "success", title: "You {did}!", text: "{count}Continue with the next one." },
   ),
 
-  row("refused", { ...ON, last: "refused" }, { step: "stopped", text: "{thing} did not change: {why}" }),
+  row("failed", { ...ON, last: "failed" }, { step: "stopped", text: "{thing} did not change: {why}" }),
+  row(
+    "unanswered",
+    { ...ON, last: "unanswered" },
+    { step: "stopped", text: "{thing} did not answer: {why}" },
+  ),
+  row("asked", { ...ON, last: "asked" }, { step: "following", text: "{thing}: in progress …" }),
+  row(
+    "started",
+    { ...ON, last: "pending" },
+    { step: "following", text: "{thing} has started; its result follows." },
+  ),
   row(
     "unavailable",
     { ...ON, barrier: "unavailable" },
@@ -201,23 +214,38 @@ export const TABLE: readonly Row[] = [
   ),
 
   row(
+    "not told yet",
+    { ...ON, does: "deselect", owner: "" },
+    { step: "following", text: "{thing}: in progress …" },
+  ),
+  row(
     "on; stay ends it",
-    { ...ON, does: "deselect", mode: "switch", by: "stay" },
+    { ...ON, does: "deselect", mode: "switch", owner: SELECTED, by: "stay" },
     { step: "hold", text: "{thing} is on; staying switches it off." },
   ),
   row(
     "on; press ends it",
-    { ...ON, does: "deselect", mode: "switch" },
+    { ...ON, does: "deselect", mode: "switch", owner: SELECTED },
     press("{thing} is on; the button switches it off."),
   ),
   row(
+    "left by another; stay ends it",
+    { ...ON, does: "deselect", owner: "other", by: "stay" },
+    { step: "hold", text: "{thing} belongs to somebody who has gone; staying frees it." },
+  ),
+  row(
+    "left by another; press ends it",
+    { ...ON, does: "deselect", owner: "other" },
+    press("{thing} belongs to somebody who has gone; the button frees it."),
+  ),
+  row(
     "theirs; stay ends it",
-    { ...ON, does: "deselect", by: "stay" },
+    { ...ON, does: "deselect", owner: THEIRS, by: "stay" },
     { step: "hold", text: "{thing} is yours; staying takes it back." },
   ),
   row(
     "theirs; press ends it",
-    { ...ON, does: "deselect" },
+    { ...ON, does: "deselect", owner: THEIRS },
     press("{thing} is yours; the button takes it back."),
   ),
 
@@ -227,44 +255,39 @@ export const TABLE: readonly Row[] = [
     { step: "following", text: "{thing} has fired. Continue with the next one." },
   ),
   row(
-    "fired by them",
-    { ...ON, mode: "button", owner: ["page", "person"] },
-    { step: "following", text: "{thing} has fired. Continue with the next one." },
-  ),
-  row(
-    "was not left yet",
-    { ...ON, mode: "button", does: "" },
-    { step: "following", text: "{thing}: leave it, then point at it again." },
-  ),
-  row(
     "is on",
-    { ...ON, mode: "switch", owner: ["page", "person", "other"], does: "" },
+    { ...ON, mode: "switch", owner: SELECTED, does: "", last: "done" },
     { step: "following", text: "{thing} is on. Continue with the next one." },
   ),
   row(
     "is off",
-    { ...ON, mode: "switch", does: "" },
+    { ...ON, mode: "switch", owner: "", does: "", last: "done" },
     { step: "following", text: "{thing} is off. Continue with the next one." },
   ),
   row(
     "theirs, by this page",
-    { ...ON, mode: "claim", owner: "page" },
+    { ...ON, mode: "claim", owner: "page", last: "done" },
     { step: "following", text: "{thing} is yours. Continue with the next one." },
   ),
   row(
     "theirs, otherwise",
-    { ...ON, mode: "claim", owner: "person" },
-    { step: "following", text: "{thing} is selected already. Continue with the next one." },
+    { ...ON, mode: "claim", owner: THEIRS },
+    { step: "following", text: "{thing} is selected already. Point at another one." },
   ),
   row(
     "belongs to another",
     { ...ON, mode: "claim", owner: "other", does: "" },
-    { step: "following", text: "{thing} belongs to {other}. Continue with the next one." },
+    { step: "following", text: "{thing} belongs to {other}. Point at another one." },
   ),
   row(
     "free again",
-    { ...ON, does: "" },
+    { ...ON, mode: "claim", owner: "", does: "", last: "done" },
     { step: "following", text: "{thing} is free again. Continue with the next one." },
+  ),
+  row(
+    "was not left yet",
+    { ...ON, does: "" },
+    { step: "following", text: "{thing}: leave it, then point at it again." },
   ),
 
   row("by its name", { ...ON, by: "name" }, press("{thing}: press once you have heard its name.")),

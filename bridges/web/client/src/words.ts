@@ -162,8 +162,9 @@ export const OUTCOMES = {
   switch: ["Switched on", "Switched off"],
 } as const;
 
-/** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. */
-export function outcome(site: Site, { object_id: id, event }: SelectionEvent): string {
+/** Name of a selection or its end, by the object's mode; "" if there is nothing to tell. One that runs for long has only started. */
+export function outcome(site: Site, { object_id: id, event, status }: SelectionEvent): string {
+  if (status === "pending") return "Started";
   return OUTCOMES[modeOf(site, id)][event === "selected" ? 0 : 1];
 }
 

@@ -3,12 +3,23 @@
 import type { Controls } from "../controls";
 import { el, enable, icon, mark, renew, section, show, write } from "../dom";
 import { problemsOfThings, thingTiles, type ThingTile } from "../site/things";
+import type { ActState } from "../messages";
 import { OUTCOMES } from "../words";
 import type { PanelPart } from "./panel_part";
 
 /** User in the events of a trial, as of `pointit things try`: nobody pointed. */
 const OPERATOR = "operator";
 const ICONS: Record<ThingTile["mode"], string> = { button: "button", switch: "power", claim: "check" };
+
+/** What is told of a trial: that it was done only if its carriers have told so. */
+export function triedToast(
+  name: string,
+  does: string,
+  status: ActState["status"] | null,
+): ["done" | "info", string] {
+  if (status === "done") return ["done", `${does}: ${name}.`];
+  return ["info", `${name}: ${status === "pending" ? "started" : "asked, its result is not told yet"}.`];
+}
 
 export function thingsPart(controls: Controls): PanelPart {
   const { site } = controls;
@@ -38,8 +49,13 @@ export function thingsPart(controls: Controls): PanelPart {
 
     async function tryIt(): Promise<void> {
       const does = OUTCOMES[mode][isOn ? 1 : 0];
-      if (await controls.ask({ key: "selector/{user}/set_thing", name: OPERATOR, query: { thing: id } }))
-        controls.toasts.show("done", `${does}: ${name}.`);
+      const reply = await controls.ask({
+        key: "selector/{user}/set_thing",
+        name: OPERATOR,
+        query: { thing: id },
+      });
+      if (reply)
+        controls.toasts.show(...triedToast(name, does, reply["status"] as ActState["status"] | null));
     }
 
     updates.push((now) => {

@@ -42,11 +42,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
       ? at - Math.max(0, siteNow(keeper.site) - Number(message.stamp_ns)) / 1e6
       : at;
   },
-  "users/{user}/hover": (keeper, message, name) => {
-    const who = keeper.person(name);
-    if (message.object_id !== who.hover?.object_id) who.cameNs = Number(message.stamp_ns);
-    who.hover = message;
-  },
+  "users/{user}/hover": (keeper, message, name) => void (keeper.person(name).hover = message),
   "users/{user}/announced": (keeper, message, name) => void (keeper.person(name).announced = message),
   "users/{user}/interaction": (keeper, message, name) => {
     const who = keeper.person(name);

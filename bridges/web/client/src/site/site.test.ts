@@ -342,6 +342,7 @@ test("buttons that fired are not counted as a person's own", () => {
   site.selection = {
     stamp_ns: 0,
     seq: 0,
+    acts: [],
     objects: [
       owned("kettle", "ada"),
       owned("radio", "ada"),

@@ -37,8 +37,6 @@ export interface Person {
   /** `performance.now()` when the newest cursor came; an old one is not drawn. */
   cursorAt: number;
   hover: Hover | null;
-  /** Stamp of the first hover of the object that they are on, ns: what came of acts since then is about this visit. */
-  cameNs: number;
   /** Thing whose name is spoken to them. */
   announced: Announced | null;
   interaction: Interaction | null;
@@ -82,10 +80,15 @@ export interface Site {
   readonly people: Map<string, Person>;
   /** By tracker. */
   readonly objects: Map<string, TrackedObjects>;
-  /** The last selection, deselection and refusal of each object, by its id; those of before this page came, too. */
+  /** The last selection, deselection and refusal of each object, by its id; those of before this page came, too. `last` is no refusal. */
   readonly changes: Map<
     string,
-    { selected?: SelectionEvent; deselected?: SelectionEvent; refused?: SelectionEvent }
+    {
+      selected?: SelectionEvent;
+      deselected?: SelectionEvent;
+      refused?: SelectionEvent;
+      last?: SelectionEvent;
+    }
   >;
   /** By name. */
   readonly robots: Map<string, Robot>;
@@ -167,7 +170,6 @@ export function emptyPerson(user: string): Person {
     cursor: null,
     cursorAt: 0,
     hover: null,
-    cameNs: 0,
     announced: null,
     interaction: null,
     localization: null,

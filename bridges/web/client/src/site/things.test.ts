@@ -50,6 +50,7 @@ const event = (
   confidence: null,
   seq: 0,
   carriers: [],
+  status: "done",
 });
 
 function select(all: Site, id: string, user: string, at_s: number): void {
@@ -143,6 +144,11 @@ test("a tile says that its thing is unavailable and why, and that an act is unde
   all.carriers.clear();
   all.selection = { objects: [{ id: "radio", user: "anna", is_pending: true }], reserved: [] } as never;
   assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.isOn], ["Under way …", false]);
+  const act = { object_id: "radio", user: "anna", effect: "select", status: "pending" };
+  all.selection = { objects: [{ id: "radio", user: "anna" }], reserved: [], acts: [act] } as never;
+  assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.isOn], ["Under way …", false]);
+  noteChange(all, { ...event("selected", "radio", "anna", 99), status: "pending" });
+  assert.equal(thingTiles(all)[1]!.last, "Started by anna just now.");
 });
 
 test("the lamp of an unavailable thing is not drawn as lit", () => {

@@ -1,8 +1,8 @@
 /** Things of the map: their states, who fired each last, and what of a person can be undone. */
 
 import { capital, duration } from "../format";
-import type { SelectionEvent, Thing, ThingState, TrackedObject } from "../messages";
-import { isTooLate, listed, modeOf, objectOf, OUTCOMES, placeName } from "../words";
+import type { ActState, SelectionEvent, Thing, ThingState, TrackedObject } from "../messages";
+import { isTooLate, listed, modeOf, objectOf, outcome, placeName } from "../words";
 import { siteNow, type Person, type Site } from "./site";
 
 /** Limit of objects whose changes are kept; the oldest are dropped. */
@@ -15,7 +15,8 @@ export function noteChange({ changes }: Site, event: SelectionEvent): void {
   if (event.event !== "selected" && event.event !== "deselected" && event.event !== "refused") return;
   const before = changes.get(event.object_id);
   changes.delete(event.object_id);
-  changes.set(event.object_id, { ...before, [event.event]: event });
+  const last = event.event === "refused" ? {} : { last: event };
+  changes.set(event.object_id, { ...before, [event.event]: event, ...last });
   if (changes.size > MAX_CHANGES) changes.delete(changes.keys().next().value!);
 }
 
@@ -48,22 +49,29 @@ export function hasSelected(site: Site, user: string): boolean {
   );
 }
 
-/** Result of the last act of `person` on what they are on, since they came to it; a failed act comes as a refusal. */
+/** What is known of an act, and why it failed. */
+export type KnownAct = Pick<ActState, "status" | "effect" | "text">;
+
+/**
+ * The act that the hover of `person` names: their last one on what they are on, since they came to it. Null: none.
+ * The selector tells of it in another message, which may come later: until then it is no more than asked.
+ */
 export function lastAct(
-  { changes }: Site,
-  { user, hover, cameNs }: Pick<Person, "user" | "hover" | "cameNs">,
-): { result: "" | "done" | "refused"; reason: string } {
-  const events = Object.values(changes.get(hover?.object_id ?? "") ?? {}) // what goes off by itself has no cause
-    .filter(
-      (each) =>
-        each.user === user &&
-        (each.cause === "dwell" || each.cause === "button") &&
-        Number(each.stamp_ns) >= cameNs,
-    );
-  const last = events.sort(
-    (a, b) => Number(b.stamp_ns) - Number(a.stamp_ns) || (a.event === "refused" ? -1 : 1),
-  )[0];
-  return { result: !last ? "" : last.event === "refused" ? "refused" : "done", reason: last?.reason ?? "" };
+  { selection }: Pick<Site, "selection">,
+  { user, hover }: Pick<Person, "user" | "hover">,
+): KnownAct | null {
+  const actNs = hover?.act_ns ?? null; // old recordings have none
+  if (actNs === null) return null;
+  const told = selection?.acts?.find(
+    (each) => each.object_id === hover!.object_id && each.user === user && each.asked_ns === actNs,
+  );
+  return told ?? { status: "asked", effect: "", text: "" };
+}
+
+/** The newest act on a thing that is not over, or null. */
+function runningAct({ selection }: Site, id: string): ActState | null {
+  const acts = selection?.acts?.filter((each) => each.object_id === id) ?? [];
+  return acts.reverse().find(({ status }) => status === "asked" || status === "pending") ?? null;
 }
 
 /** What its carrier says of a thing that cannot be used, or null if it can. */
@@ -145,6 +153,7 @@ function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile
   const selected = site.selection?.objects.find((each) => each.id === id);
   const owner = selected?.user ?? "";
   const reason = unavailable(site, id);
+  const isUnderWay = selected?.is_pending || runningAct(site, id) !== null;
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const aims = pointing.map(({ user }) => user).join(", ");
   const states = {
@@ -158,14 +167,14 @@ function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile
     ? "Not in the room now"
     : reason
       ? closed
-      : selected?.is_pending
+      : isUnderWay
         ? "Under way …"
         : states[mode][owner ? 0 : 1];
   return {
     id,
     mode,
     name: capital(object?.kind || thing.label || placeName(id, "thing")),
-    isOn: owner !== "" && !selected?.is_pending && !reason,
+    isOn: owner !== "" && !isUnderWay && !reason,
     problem: object ? reason : "",
     isStarting: object !== null && isComing,
     does: effect(
@@ -194,10 +203,9 @@ function effect({ mode, press, dwell_s: dwell }: Thing, hasNames: boolean): stri
 }
 
 function lastChange(site: Site, { id, mode }: Thing): string {
-  const { selected, deselected } = site.changes.get(id) ?? {};
-  const last =
-    mode === "button" || (selected?.stamp_ns ?? 0) >= (deselected?.stamp_ns ?? 0) ? selected : deselected;
+  const changes = site.changes.get(id);
+  const last = mode === "button" ? changes?.selected : changes?.last;
   if (!last) return mode === "button" ? "Not fired yet." : "Not used yet.";
   const ago = (siteNow(site) - last.stamp_ns) / 1e9 / (site.speed || 1);
-  return `${OUTCOMES[mode][last === selected ? 0 : 1]} by ${last.user || "nobody"} ${ago < JUST_NOW_S ? "just now" : `${duration(ago)} ago`}.`;
+  return `${outcome(site, last)} by ${last.user || "nobody"} ${ago < JUST_NOW_S ? "just now" : `${duration(ago)} ago`}.`;
 }

@@ -270,6 +270,10 @@ class HoverEngine:
         """Forget the last act of `user`, on which nobody decides."""
         self._acts_here.pop(user, None)
 
+    def forget_acts(self) -> None:
+        """Forget the acts of all, since nobody tells of them any more."""
+        self._acts_here.clear()
+
     def renew(self) -> None:
         """Note that the objects that people point at may be selected already: owners are known only now."""
         for pointer in self._people.values():

@@ -396,7 +396,7 @@ class ShardRole:
 
     def _on_service(self, instance: str, *, present: bool) -> None:
         if instance == "selector":
-            self.engine.has_arbiter = present
+            self.engine.set_arbiter(present=present)
             self._warn_of_missing_arbiter()
 
     def _warn_of_missing_arbiter(self) -> None:

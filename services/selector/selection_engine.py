@@ -81,6 +81,12 @@ class ShardEngine(PointingEngine):
         self._ownership.acts.on_presence(carrier, present=present)
         return []
 
+    def set_arbiter(self, *, present: bool) -> None:
+        """Note that the site's selector can be reached, or not. Its next life knows no acts that are over."""
+        self.has_arbiter = present
+        if not present:
+            self._hovers.forget_acts()
+
     def on_selection(self, selection: Selection) -> None:
         """Follow what the site's selector has decided."""
         self._ownership.follow(selection)

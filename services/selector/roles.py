@@ -263,7 +263,7 @@ class SiteRole:
             return Done(message=message, status="done" if events else None)
 
         # Acts that have failed are no part of what was done
-        outcomes = await self._outcomes(acts, answer_by_s)
+        outcomes = await self._wait_for_outcomes(acts, answer_by_s)
         failures: list[str] = []
         for event in acts:
             outcome = outcomes.get(_key(event))
@@ -283,7 +283,9 @@ class SiteRole:
             return Done(message=f"{message}: started", status="pending")
         return Done(message=message, status="done")
 
-    async def _outcomes(self, acts: Sequence[SelectionEvent], until_s: float) -> dict[_ActKey, ActOutcome]:
+    async def _wait_for_outcomes(
+        self, acts: Sequence[SelectionEvent], until_s: float
+    ) -> dict[_ActKey, ActOutcome]:
         """Return the first outcome of each act that comes until `until_s` of the loop's time."""
         futures: dict[_ActKey, asyncio.Future[ActOutcome]] = {}
         for event in acts:

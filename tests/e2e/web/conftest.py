@@ -86,16 +86,7 @@ def shared_site(
     started = Commands(folder)
     try:
         lan = ("--lan", "--set", "web.lan_port=0")
-        # an explicit end, so that it does not end between two tests when no page is open
-        yield asyncio.run(
-            running(
-                started,
-                getattr(request, "param", "scenario_4"),
-                *lan,
-                "--duration",
-                "900",
-                state=folder / "state",
-            )
-        )
+        scenario: str = getattr(request, "param", "scenario_4")
+        yield asyncio.run(running(started, scenario, *lan, state=folder / "state"))
     finally:
         started.kill_all()

@@ -18,6 +18,8 @@ from tests.support.commands import Command, Commands
 from tests.support.links import link_in
 
 VIEWER_TOKEN = "who-only-looks-on"  # noqa: S105 - of runs of tests only
+DURATION_S = 900
+"""Duration of a site, longer than all tests of a file take on a busy machine, s."""
 SELDOM = {
     "POINTIT_USER_SIM__RATE_HZ": "25",
     "POINTIT_LED_DRIVER__MAX_RATE_HZ": "20",
@@ -87,7 +89,20 @@ class Operator:
         return str((await self.ask(deed="pair", name=user))["url"])
 
 
-async def running(commands: Commands, *arguments: str, state: Path | None = None) -> SitePage:
+async def running(
+    commands: Commands, *arguments: str, state: Path | None = None, ends_unseen: bool = False
+) -> SitePage:
+    """Start `pointit run` with its page.
+
+    Args:
+        commands: start it.
+        arguments: of `pointit run`.
+        state: folder of the site's state, by default that of the test.
+        ends_unseen: keep the scenario's own end, which a page puts off. On a busy machine a page may open, or
+            tell that it is there, later than that: other tests get an end that is later than theirs.
+    """
+    if not ends_unseen and "--duration" not in arguments:
+        arguments = (*arguments, "--duration", str(DURATION_S))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     port = () if "--web-port" in arguments else ("--web-port", "0")
     command = commands.start(

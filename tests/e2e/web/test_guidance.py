@@ -81,7 +81,7 @@ async def home(commands: Commands, tmp_path: Path) -> SitePage:
     """Run a map of thirty things with a free arm, a simulated arm, and an arm of a device."""
     room = thing_map([f"thing_{index}" for index in range(THINGS)], tmp_path)
     arms = ("--users", "3", "--imu", "page", "--imu", "sim", "--imu", "simulated")
-    return await running(commands, str(room), *arms, "--lan", "--set", "web.lan_port=0", "--duration", "900")
+    return await running(commands, str(room), *arms, "--lan", "--set", "web.lan_port=0")
 
 
 @contextlib.asynccontextmanager
@@ -301,7 +301,7 @@ async def test_refused_acts_are_never_told_as_done(
             *("--with", "home-assistant", "--set", f"home-assistant.url=http://127.0.0.1:{port}"),
             *("--set", f"home-assistant.token_file={own}"),
         )
-        site = await running(commands, str(room), "--imu", "page", *on, *bridge, "--duration", "900")
+        site = await running(commands, str(room), "--imu", "page", *on, *bridge)
         pointer = await pointing(browser, site)
         page = pointer.window.page
 
@@ -336,7 +336,7 @@ async def test_refused_acts_without_their_systems_are_never_told_as_done(
         *("--set", f"home-assistant.token_file={own}"),
     )
     broker = ("--mqtt", "127.0.0.1:9")
-    site = await running(commands, str(room), "--imu", "page", *bridge, *broker, "--duration", "900")
+    site = await running(commands, str(room), "--imu", "page", *bridge, *broker)
     pointer = await pointing(browser, site)
     page = pointer.window.page
     problems = page.locator(".problems")

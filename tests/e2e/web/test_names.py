@@ -57,7 +57,7 @@ async def site_with(commands: Commands, folder: Path, announce: str) -> tuple[Si
     site = await running(
         commands,
         *(str(room(folder)), "--announce", announce, "--on", reaction, "--imu", "page"),
-        *("--lan", "--set", "web.lan_port=0", "--duration", "600"),
+        *("--lan", "--set", "web.lan_port=0"),
         state=folder / "state",
     )
     return site, done

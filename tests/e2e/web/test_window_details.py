@@ -116,7 +116,7 @@ async def test_no_label_covers_another_or_a_person_on_a_phone(
     browser: Browser, commands: Commands, scenario: str
 ) -> None:
     page_is_built()
-    site = await running(commands, scenario, "--users", "2", "--duration", "600")
+    site = await running(commands, scenario, "--users", "2")
     window = await Window.open(browser, site.url, **PHONE)
     await window.is_shown()
     await window.until("[...window.pointit.site.people.values()].every(({ pose }) => pose)", "the poses")

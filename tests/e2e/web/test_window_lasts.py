@@ -29,7 +29,7 @@ TIME_AND_COUNT = """() => {
 async def test_after_five_minutes_there_is_still_something_to_select(
     browser: Browser, commands: Commands, scenario: str
 ) -> None:
-    site = await running(commands, scenario, "--speed", str(SPEED), "--seed", "1")
+    site = await running(commands, scenario, "--speed", str(SPEED), "--seed", "1", ends_unseen=True)
     window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
     await window.until("Boolean(window.pointit?.site.map)")
     began_s, _ = await window.page.evaluate(TIME_AND_COUNT)

@@ -9,7 +9,7 @@ from tests.architecture.sources import ROOT
 
 TOOLS = (
     *("bash", "env", "dirname", "cksum", "cat", "rm", "mktemp", "sleep", "grep", "find", "tail"),
-    *("chmod", "mkdir", "sed", "touch", "tr", "date"),
+    *("chmod", "mkdir", "sed", "touch", "tr", "date", "nice"),
 )
 
 PYTHON = """#!/bin/sh

@@ -72,17 +72,17 @@ def test_scripts_test_installs_its_extra_or_dev_for_named_tests(machine: Machine
     machine.run("test")
     assert machine.calls[0] == f"{install}[test] -e {machine.root}/lab"
 
-    workers = int(machine.calls[-1].split()[4])
-    assert workers > 1
-    options = f"-n {workers} -q --dist loadfile --no-loadscope-reorder -p tests.support.cpu_times"
-    chosen = "-m not slow and not long tests/integration tests/unit"
-    assert machine.calls[-1] == f"python -m pytest {options} {chosen}"
+    options = r"-n \d+ -q --dist loadfile --no-loadscope-reorder -p tests.support.cpu_times"
+    chosen = "-m not slow and not long"
+    for call, folder in zip(parts_of(machine), ("tests/integration", "tests/unit"), strict=True):
+        assert re.fullmatch(f"python -m pytest {options} {chosen} {folder}", call)
     assert machine.run("test", "-q", "tests/unit").returncode == 0
     assert machine.calls == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
 
     machine.run("test")
     compiled = [each for each in machine.calls if "--collect-only" in each]
-    assert len(machine.calls) == len(compiled) + 1 == 4, "nothing is installed again"
+    assert len(compiled) == 3
+    assert len(machine.calls) == len(compiled) + 2, "nothing is installed again"
 
     with (machine.root / "pyproject.toml").open("a") as file:
         file.write("# changed\n")
@@ -298,6 +298,17 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     assert ran == ["setup 1 dev", "check 1 ", "test 1 --all"]
 
 
+@pytest.mark.parametrize("folder", ["tests/unit", "tests"])
+def test_scripts_test_fails_when_either_part_does(machine: Machine, folder: str) -> None:
+    machine.add("python3", PYTHON)
+    machine.run("test", "--all")
+    python = machine.root / ".venv/bin/python"
+    failing = f'case "$*" in *"-n "*" {folder}") echo "1 failed in {folder}"; exit 1 ;; esac\n'
+    python.write_text(PYTHON.replace('case "$1" in\n', failing + 'case "$1" in\n', 1), encoding="utf-8")
+    done = machine.run("test", "--all")
+    assert (done.returncode, f"1 failed in {folder}\n" in done.stdout) == (1, True)
+
+
 @pytest.mark.parametrize("fails", ["setup", "check", "test"])
 def test_ci_fails_when_a_part_does(machine: Machine, fails: str) -> None:
     record_scripts(machine)
@@ -316,15 +327,20 @@ def record_scripts(machine: Machine) -> None:
         path.write_text(f'#!/bin/sh\necho "{name} $LOCKED $*" >> "$CALLS"\n', encoding="utf-8")
 
 
-def test_all_tests_except_the_nightly_run_in_one_pytest(machine: Machine) -> None:
+def parts_of(machine: Machine) -> list[str]:
+    """Return the two last calls, which run beside each other: the unit tests last."""
+    return sorted(machine.calls[-2:], key=lambda call: call.endswith(" tests/unit"))
+
+
+def test_all_tests_except_the_nightly_run_in_two_parts(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     machine.run("test", "--all")
-    *_, call = machine.calls
-    assert re.fullmatch(
-        r"python -m pytest -n \d+ -q --dist loadfile --no-loadscope-reorder .* -m not long .*"
-        r" --ignore tests/containers --ignore tests/interop tests",
-        call,
-    )
+    waiting, computing = parts_of(machine)
+    usual = r"python -m pytest -n \d+ -q --dist loadfile --no-loadscope-reorder .* -m not long .*"
+    left_out = "--ignore tests/containers --ignore tests/interop --ignore=tests/unit"
+    assert re.fullmatch(f"{usual} {left_out} tests", waiting)
+    assert re.fullmatch(f"{usual} tests/unit", computing)
+    assert "--ignore" not in computing
     night = (ROOT / ".ci/nightly").read_text(encoding="utf-8")
     assert {"tests/containers", "tests/interop"} <= {*night.split()}
 

@@ -9,7 +9,6 @@ from threading import Thread
 from typing import Any
 
 import pytest
-import pytest_asyncio
 from playwright.async_api import Browser, Page, expect
 
 from tests.e2e.web.axe import violations
@@ -76,12 +75,21 @@ async def picture(page: Page, folder: Path, name: str) -> None:
     await page.screenshot(path=folder / f"{name}.png")
 
 
-@pytest_asyncio.fixture
-async def home(commands: Commands, tmp_path: Path) -> SitePage:
-    """Run a map of thirty things with a free arm, a simulated arm, and an arm of a device."""
-    room = thing_map([f"thing_{index}" for index in range(THINGS)], tmp_path)
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SitePage]:
+    """Run a map of thirty things with a free arm, a simulated arm, and an arm of a device.
+
+    Each test leaves the free arm to nobody. The last one, of the beginnings, fails at once if it is not.
+    """
+    folder = tmp_path_factory.mktemp("home")
+    room = thing_map([f"thing_{index}" for index in range(THINGS)], folder)
     arms = ("--users", "3", "--imu", "page", "--imu", "sim", "--imu", "simulated")
-    return await running(commands, str(room), *arms, "--lan", "--set", "web.lan_port=0")
+    lan = ("--lan", "--set", "web.lan_port=0")
+    started = Commands(folder)
+    try:
+        yield asyncio.run(running(started, str(room), *arms, *lan, state=folder / "state"))
+    finally:
+        started.kill_all()
 
 
 @contextlib.asynccontextmanager
@@ -102,6 +110,37 @@ async def headset(operator: Operator, user: str) -> AsyncGenerator[None]:
         moving.cancel()
         await asyncio.wait([moving])
         await operator.ask(deed="give", name=user)
+
+
+async def test_person_and_list_of_people_are_first_above_the_fold(
+    browser: Browser, home: SitePage, tmp_path: Path
+) -> None:
+    window = await Window.open(browser, home.url, size=SIZES[0], reduced_motion="reduce")
+    page = window.page
+    await window.is_shown()
+    await page.get_by_role("radio", name="user1", exact=True).check()
+    await expect(page.locator(".things li")).to_have_count(THINGS)
+    for width, height in SIZES:
+        await page.set_viewport_size({"width": width, "height": height})
+        await window.is_drawn_anew()
+        heads = page.locator("#page-0 > section:visible")
+        assert await heads.nth(0).get_attribute("aria-label") == "Person"
+        assert await heads.nth(1).get_attribute("aria-labelledby") == "s-who-points"
+        assert await page.evaluate(BOTTOM) <= height, (width, height)
+        await picture(page, tmp_path, f"fold-{width}")
+        assert await violations(page) == [], (width, height)
+
+
+async def test_source_is_nobody_at_once_after_give_back(browser: Browser, home: SitePage) -> None:
+    window = await Window.open(browser, home.url, scripts=(TOLD,), reduced_motion="reduce")
+    page = window.page
+    await window.is_shown()
+    await page.get_by_role("button", name="Point with the mouse").click()
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now.")
+    await page.evaluate("window.told = []")
+    await page.get_by_role("button", name="Give back").click()
+    await window.has_told("Nobody points as user1 yet.")
+    assert not await page.evaluate("window.told.some((text) => text.includes('own device'))")
 
 
 async def test_card_in_each_beginning_of_ones_own_map(
@@ -147,37 +186,6 @@ async def test_card_in_each_beginning_of_ones_own_map(
     await expect(phone.page.locator("#next")).to_contain_text(step)
     await picture(phone.page, tmp_path, "phone")
     assert window.faults == []
-
-
-async def test_person_and_list_of_people_are_first_above_the_fold(
-    browser: Browser, home: SitePage, tmp_path: Path
-) -> None:
-    window = await Window.open(browser, home.url, size=SIZES[0], reduced_motion="reduce")
-    page = window.page
-    await window.is_shown()
-    await page.get_by_role("radio", name="user1", exact=True).check()
-    await expect(page.locator(".things li")).to_have_count(THINGS)
-    for width, height in SIZES:
-        await page.set_viewport_size({"width": width, "height": height})
-        await window.is_drawn_anew()
-        heads = page.locator("#page-0 > section:visible")
-        assert await heads.nth(0).get_attribute("aria-label") == "Person"
-        assert await heads.nth(1).get_attribute("aria-labelledby") == "s-who-points"
-        assert await page.evaluate(BOTTOM) <= height, (width, height)
-        await picture(page, tmp_path, f"fold-{width}")
-        assert await violations(page) == [], (width, height)
-
-
-async def test_source_is_nobody_at_once_after_give_back(browser: Browser, home: SitePage) -> None:
-    window = await Window.open(browser, home.url, scripts=(TOLD,), reduced_motion="reduce")
-    page = window.page
-    await window.is_shown()
-    await page.get_by_role("button", name="Point with the mouse").click()
-    await expect(page.locator("#guide")).to_contain_text("You are the arm now.")
-    await page.evaluate("window.told = []")
-    await page.get_by_role("button", name="Give back").click()
-    await window.has_told("Nobody points as user1 yet.")
-    assert not await page.evaluate("window.told.some((text) => text.includes('own device'))")
 
 
 @pytest.mark.parametrize("shared_site", ["scenario_4"], indirect=True)
@@ -284,7 +292,8 @@ async def pointing(browser: Browser, site: SitePage) -> Pointer:
     return Pointer(window)
 
 
-ROUNDS = 5
+ROUNDS = 2
+"""Times that each act is tried: what comes of the order of messages is a property of its own."""
 
 
 async def test_refused_acts_are_never_told_as_done(

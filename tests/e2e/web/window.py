@@ -26,7 +26,7 @@ window.violations = [];
 document.addEventListener('securitypolicyviolation',
   (event) => window.violations.push(`${event.violatedDirective}: ${event.blockedURI}`));
 """
-FRAME_MS = 150
+FRAME_MS = 250
 SELDOM = f"""
 const draw = window.requestAnimationFrame.bind(window);
 const asked = new Map();

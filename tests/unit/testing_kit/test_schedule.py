@@ -1,9 +1,9 @@
 """The order of tests in processes of pytest-xdist."""
 
+import pytest
+
 from tests.architecture.sources import ROOT
 from tests.support.schedule import FIRST_SHARE, SEPARATE_FILES, start_shares, unit_of
-
-(PAGES,) = SEPARATE_FILES
 
 
 def items_of(file: str, count: int) -> list[tuple[str, bool]]:
@@ -15,8 +15,9 @@ def test_tests_of_a_file_stay_together() -> None:
     assert shares == {"tests/unit/web/test_a.py": 0.0}
 
 
-def test_tests_of_separate_files_are_units() -> None:
-    tests = items_of(PAGES, 3)
+@pytest.mark.parametrize("file", sorted(SEPARATE_FILES))
+def test_tests_of_separate_files_are_units(file: str) -> None:
+    tests = items_of(file, 3)
     assert start_shares(tests).keys() == {test for test, _ in tests}
     assert all(unit_of(test) == test for test, _ in tests)
 

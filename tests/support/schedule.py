@@ -7,7 +7,13 @@ import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
-SEPARATE_FILES = frozenset({"tests/docs/test_pages.py", "tests/e2e/web/test_home.py"})
+SEPARATE_FILES = frozenset(
+    {
+        "tests/docs/test_pages.py",
+        "tests/e2e/web/test_home.py",
+        "tests/unit/testing_kit/test_promises.py",
+    }
+)
 """Files whose tests share no fixture and take minutes together: each process may get some of them."""
 
 SLOW_SIZE = 20

@@ -4,10 +4,11 @@ import errno
 import os
 import re
 import socket
-import unicodedata
 from collections.abc import Iterable, Sequence
 
 from pydantic_core import ErrorDetails
+
+from pointit.schemas.printable import JOINERS, plain
 
 LONGEST_SENTENCE = 600
 """Characters of a foreign sentence that are shown."""
@@ -51,14 +52,6 @@ _HIDDEN = (
     ),
 )
 """Patterns of secrets; their group stays. Lengths are bounded: text of a peer must not take long."""
-
-
-def plain(text: str) -> str:
-    """Return `text` with `?` for each character that Python calls not printable, such as controls.
-
-    Line breaks stay; tabs and all kinds of spaces become spaces.
-    """
-    return text if text.isprintable() else "".join(map(_plain, text))
 
 
 def all_of(names: Iterable[str]) -> str:
@@ -115,7 +108,8 @@ def one_line(text: str, most: int = LONGEST_SENTENCE) -> str:
     shown = plain(_SPACE.sub(" ", text[: 2 * most]).strip())
     if len(shown) <= most:
         return shown
-    return f"{shown[: most - 1]}…"
+    begin = shown[: most - 1].rstrip(JOINERS)
+    return f"{begin}…"
 
 
 def hide_secrets(text: str) -> str:
@@ -140,13 +134,6 @@ def _shown_web_address(match: re.Match[str]) -> str:
     path = "/..." if any(after) else "/" * len(after)
     rest = match[2][len(address) :]
     return f"{match[1]}://{host}{path}{rest}"
-
-
-def _plain(letter: str) -> str:
-    if letter.isprintable() or letter == "\n":
-        return letter
-    is_space = letter == "\t" or unicodedata.category(letter) == "Zs"
-    return " " if is_space else "?"
 
 
 def round_beyond(value: float, limit: float = 0.0, digits: int = 1) -> str:

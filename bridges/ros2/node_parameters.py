@@ -11,6 +11,7 @@ from pointit.bridges.ros2.graph.backend import Backend, Endpoint, Graph
 from pointit.bridges.ros2.message_format import MAX_NAME
 from pointit.bridges.ros2.types.types import NO_HASH, Types
 from pointit.runtime.errors import NoAnswerError
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import first_of, one_line
 
 Value = bool | int | float | str | list[Any]
@@ -105,7 +106,7 @@ class NodeParameters:
         await self._on_presence()
         response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
         names = dict.fromkeys(response.result.names)
-        return [name for name in names if name.isprintable()]
+        return [name for name in names if is_printable(name)]
 
     async def values(self, names: Sequence[str]) -> dict[str, Value]:
         """Return the parameters `names` that have a value, in that order.

@@ -8,7 +8,7 @@ from pointit.access.rejected_connections import rejection_summary
 from pointit.access.rights import MAX_CACHED, max_rate_hz
 from pointit.access.zenoh_trace import Operation, TraceCounts, identity_of
 from pointit.schemas.problems import DENIED, Problem
-from pointit.schemas.text import first_of
+from pointit.schemas.text import first_of, one_line
 
 RECENT_S = 20.0
 """Time for which a message is shown after it was last true, s."""
@@ -213,13 +213,12 @@ class DeniedOperations:
 @functools.lru_cache(maxsize=MAX_CACHED)
 def plain_key(key: str) -> str:
     """Return a key without the site's namespace and without the suffix of permission tests, printable."""
-    plain = key.partition("/@")[0]
-    has_namespace = plain.startswith("pointit/") and plain.count("/") > 1
+    operation_key = key.partition("/@")[0]
+    has_namespace = operation_key.startswith("pointit/") and operation_key.count("/") > 1
     if has_namespace:
-        plain = plain.split("/", 2)[2]
-    letters = [letter if letter.isprintable() else "?" for letter in plain[:MAX_KEY]]
-    shown = "".join(letters)
-    if len(plain) > MAX_KEY:
+        operation_key = operation_key.split("/", 2)[2]
+    shown = one_line(operation_key[:MAX_KEY])
+    if len(operation_key) > MAX_KEY:
         shown += "…"
     return shown
 

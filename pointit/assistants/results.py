@@ -13,6 +13,7 @@ from pointit.errors import PointItError
 from pointit.runtime.config.nearest_name import nearest
 from pointit.schemas import Environment
 from pointit.schemas.base import Vec3
+from pointit.schemas.printable import plain as plain_text
 from pointit.schemas.text import hide_secrets
 
 MAX_NAME = 64
@@ -34,8 +35,7 @@ def plain(text: str, limit: int = MAX_NAME) -> str:
     Anybody may have written labels, ids of objects and reasons. On one line and quoted as JSON, they cannot
     imitate the structure of a result.
     """
-    printable = "".join(character if character.isprintable() else " " for character in text)
-    line = " ".join(printable.split())
+    line = " ".join(plain_text(text, " ").split())
     if len(line) <= limit:
         return line
     return f"{line[: limit - 1]}…"

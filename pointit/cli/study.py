@@ -26,6 +26,7 @@ from pointit.commands import (
     show,
 )
 from pointit.runtime.host.extras import has_extra
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import system_reason
 from pointit.study.check import StudyFinding, check_folder
 from pointit.study.lsl import check_lsl
@@ -344,7 +345,7 @@ class TerminalView:
         elif key in "\x7f\b":
             self._typed = self._typed[:-1]
             self._write("\b \b")
-        elif key.isprintable():
+        elif is_printable(key):
             self._typed += key
             self._write(key)
 

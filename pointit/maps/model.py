@@ -18,6 +18,7 @@ from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.config.yaml_file import FLAGS, WrittenInt, written_text
 from pointit.schemas import FARTHEST
 from pointit.schemas.environment import ThingMode
+from pointit.schemas.printable import is_printable
 
 MAX_PIXELS = 4096
 MIN_AREA_M2 = 1e-4
@@ -283,8 +284,8 @@ _DWELL = _if(
     "a number of seconds from 0.1 to 10",
 )
 _LABEL = _if(
-    lambda value: isinstance(value, str) and 0 < len(value) <= MAX_LABEL and value.isprintable(),
-    f"a name of at most {MAX_LABEL} letters for people",
+    lambda value: isinstance(value, str) and 0 < len(value) <= MAX_LABEL and is_printable(value),
+    f"a name of at most {MAX_LABEL} letters for people, on one line and without control characters",
 )
 
 

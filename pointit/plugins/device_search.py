@@ -17,6 +17,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, FoundDevice, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import NetworkService, browse
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import one_line
 
 TIMEOUT_S = 2.0
@@ -217,7 +218,7 @@ def _url_of(service: NetworkService) -> str:
         parts = urlsplit("")
         is_usable = False
     has_user = "@" in parts.netloc
-    if is_usable and not has_user and stated.isprintable():
+    if is_usable and not has_user and is_printable(stated):
         return f"{parts.scheme}://{parts.netloc}"
     return f"http://{format_address(service.address, service.port)}"
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeGuard
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.parameters import set_option
 from pointit.schemas.base import unit_quaternion
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import first_of
 
 Order = Literal["wxyz", "xyzw"]
@@ -212,14 +213,14 @@ def quoted(data: bytes, max_bytes: int = QUOTED_BYTES) -> str:
     if not is_text(shown):
         return shown.hex(" ")
     text = _decoded(shown, "backslashreplace")
-    escaped = [letter if letter.isprintable() else repr(letter)[1:-1] for letter in text]
+    escaped = [letter if is_printable(letter) else repr(letter)[1:-1] for letter in text]
     return "'" + "".join(escaped) + "'"
 
 
 def _is_readable(letter: str) -> bool:
     if letter == _UNREADABLE:
         return False
-    return letter.isprintable() or letter in "\t\r\n"
+    return is_printable(letter) or letter in "\t\r\n"
 
 
 def _decoded(data: bytes, errors: str) -> str:

@@ -31,6 +31,7 @@ from pointit.runtime.host.state_file import StateFile, read_limited, write_atomi
 from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.scan.paced import FIRST, SECOND
 from pointit.schemas.home import LAMP, NEW_SECRET, PASSWORD_FILE, STRIP, TOKEN_FILE
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import system_reason
 
 MAP = "home.yaml"
@@ -265,7 +266,7 @@ def _edits_of(
     _, _, light_name = lamp.id.partition(separator)
     thing = free_name(light_name[:64], file.things, added)
     added.append(thing)
-    is_allowed = lamp.label.isprintable() and len(lamp.label) <= MAX_LABEL
+    is_allowed = is_printable(lamp.label) and len(lamp.label) <= MAX_LABEL
     if is_allowed and lamp.label not in ("", thing):
         value["label"] = lamp.label
     edits.append(Add(section="things", name=thing, value=value))

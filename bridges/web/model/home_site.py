@@ -24,6 +24,7 @@ from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
 from pointit.schemas.base import Rgb
 from pointit.schemas.home import LAMP, NEW_SECRET, STRIP
+from pointit.schemas.printable import is_printable
 from pointit.schemas.topics import SET_LAMP, SET_POSE, SET_UP_HOME, SHOW_PIXELS, USE_MAP
 
 MAX_TOKEN = 4096
@@ -159,7 +160,7 @@ def _token_of(secret: str) -> bytes:
 def _password_of(secret: str) -> bytes:
     """Return the content of the file of a password. Raises RefusedError."""
     content = secret.encode()
-    if not secret.isprintable() or not 0 < len(content) <= MAX_PASSWORD_BYTES:
+    if not is_printable(secret) or not 0 < len(content) <= MAX_PASSWORD_BYTES:
         raise RefusedError("that is no password: write it on one line, as the broker has it")
     return content
 

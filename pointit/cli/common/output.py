@@ -31,7 +31,7 @@ from rich.text import Text
 
 from pointit.runtime.service.plain_console import PlainConsole
 from pointit.runtime.service.plain_console import say as say  # noqa: PLC0414 - commands print by it, too
-from pointit.schemas.text import plain
+from pointit.schemas.printable import is_printable, plain
 
 Row = Mapping[str, Any]
 
@@ -163,7 +163,7 @@ def to_line(value: Any) -> str:
 
 
 def _key(key: str) -> str:
-    if key.isprintable():
+    if is_printable(key):
         return key
     return _escaped(json.dumps(key, ensure_ascii=False))
 

@@ -21,6 +21,7 @@ from pointit.runtime.config.environment_variables import environment_prefix
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import read_limited, replaced_file
+from pointit.schemas.printable import is_printable
 
 SOURCE = "home-assistant"
 MAX_MAP_BYTES = 16 * 2**20
@@ -132,7 +133,7 @@ def with_things(content: bytes, path: Path, entities: Sequence[HomeEntity]) -> t
         own_name = entity.entity.partition(".")[2][:64]
         name = free_name(own_name, things, [add.name for add in adds])
         value: dict[str, Any] = {"home_assistant": entity.entity}
-        can_be_label = entity.name.isprintable() and len(entity.name) <= MAX_LABEL
+        can_be_label = is_printable(entity.name) and len(entity.name) <= MAX_LABEL
         if can_be_label and entity.name != name:
             value["label"] = entity.name
         adds.append(Add(section="things", name=name, value=value))

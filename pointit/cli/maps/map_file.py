@@ -23,7 +23,7 @@ from pointit.maps.file import map_path, parse_map_file, read_map_file, read_whol
 from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
-from pointit.schemas.text import all_of, system_reason
+from pointit.schemas.text import all_of, one_line, system_reason
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -155,8 +155,7 @@ def _counts(*numbers: tuple[int, str]) -> list[str]:
 
 def _escape_control_characters(text: str) -> str:
     """Return `text`, which contains names from the file, without terminal control characters, shortened."""
-    letters = [letter if letter.isprintable() else "?" for letter in text[:LONGEST]]
-    return "".join(letters)
+    return one_line(text[:LONGEST])
 
 
 class PromptedOption(click.Option):

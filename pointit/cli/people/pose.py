@@ -21,7 +21,7 @@ from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import CancelLocalization, Localization, SetHeading, SetPose, TrackedObjects, UserPose
 from pointit.schemas.base import FARTHEST
-from pointit.schemas.text import plain
+from pointit.schemas.printable import plain
 from pointit.schemas.topics import (
     ANY,
     CANCEL_LOCALIZATION,

@@ -7,7 +7,8 @@ import click
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from pointit.schemas.text import one_line, plain
+from pointit.schemas.printable import plain
+from pointit.schemas.text import one_line
 
 LONGEST_LINE = 2000
 """Limit of a line with text from other processes, characters."""
@@ -22,8 +23,7 @@ class PlainConsole(Console):
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yield the segments of `renderable` without control characters."""
         for segment in super().render(renderable, options):
-            is_text = segment.text.isprintable() or segment.text == "\n"
-            if segment.control or is_text:
+            if segment.control:
                 yield segment
             else:
                 yield Segment(plain(segment.text), segment.style)

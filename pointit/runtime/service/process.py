@@ -31,8 +31,9 @@ from pointit.runtime.service.logs import LOG_FORMATS, setup_logging
 from pointit.runtime.service.service import AnyService, Launch, Scope, check_launches, run_services
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import SchemaError
+from pointit.schemas.printable import plain
 from pointit.schemas.system import check_user
-from pointit.schemas.text import hide_secrets, plain
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import SERVICE_ALIVE, check_name
 
 log = logging.getLogger(__name__)

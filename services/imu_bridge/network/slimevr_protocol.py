@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas.person import Gesture
+from pointit.schemas.printable import is_printable
 from pointit.services.imu_bridge.sources import Battery, Signal
 from pointit.services.imu_bridge.streams import ContentError, unit_rotation
 
@@ -197,7 +198,7 @@ def _decode_handshake(payload: bytes) -> Handshake:
     firmware_length = payload[28] if len(payload) > 28 else 0
     end = 29 + firmware_length
     firmware = payload[29:end].split(b"\0")[0].decode("ascii", "replace")
-    firmware = "".join(filter(str.isprintable, firmware))
+    firmware = "".join(filter(is_printable, firmware))
     mac_bytes = payload[end : end + 6]
     mac = mac_bytes.hex(":").upper() if len(mac_bytes) == 6 else ""
     if mac in SHARED_MACS:

@@ -15,6 +15,7 @@ from pointit.runtime.datagram_search import MAX_FOUND, search_by_datagrams
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host import extras
 from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.schemas.printable import plain
 from pointit.services.led_driver.output.udp_output import (
     Datagram,
     Destination,
@@ -104,8 +105,7 @@ def read_reply(packet: bytes) -> ArtnetNode | None:
 def _text(field: bytes) -> str:
     """Return the printable characters before the first zero."""
     text = field.partition(b"\0")[0].decode("ascii", errors="replace")
-    printable = [character if character.isprintable() else "?" for character in text]
-    return "".join(printable).strip()
+    return plain(text).strip()
 
 
 async def find_nodes(seconds: float) -> Sequence[FoundDevice]:

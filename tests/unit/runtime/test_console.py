@@ -22,7 +22,8 @@ from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole
 from pointit.runtime.service.process import log_options
 from pointit.schemas import Cursor
-from pointit.schemas.text import one_line, plain
+from pointit.schemas.printable import plain
+from pointit.schemas.text import one_line
 
 EVIL = "a\x1b]52;c;Y3VybA==\x1b\\b\x1b[2Jc\u202ed\x9be"
 TAME = "a?]52;c;Y3VybA==?\\b?[2Jc?d?e"

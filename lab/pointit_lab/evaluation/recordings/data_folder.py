@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import system_reason
 from pointit_lab.evaluation.recordings.table_file import check_file, check_text, is_file, shown_path, truncate
 
@@ -178,6 +179,6 @@ def _where(folder: Path, entry: Entry, key: str) -> str:
     name = entry.get("file", "an entry")
     label = truncate(name)
     # a plain name needs no quotes
-    if isinstance(name, str) and name.isprintable():
+    if isinstance(name, str) and is_printable(name):
         label = name if len(name) <= 60 else label
     return f"{folder / INDEX}, {label}, {key!r}"

@@ -13,6 +13,7 @@ import numpy as np
 
 from pointit.geometry.array_types import Array
 from pointit.runtime.errors import ConfigError
+from pointit.schemas.printable import is_printable
 from pointit.schemas.text import system_reason
 
 MAX_BYTES = 64_000_000
@@ -143,7 +144,7 @@ def check_text(where: str, name: str) -> str:
         ConfigError: If it is empty, too long, not printable, or a subject with the reserved name.
     """
     is_short = 0 < len(name) <= MAX_CHARACTERS
-    if not is_short or not name.isprintable():
+    if not is_short or not is_printable(name):
         expected = f"a text of 1 to {MAX_CHARACTERS} printable characters"
         raise ConfigError(f"{where}: {expected} was expected, got {truncate(name)}")
     if name == RESERVED and where.endswith("'subject'"):

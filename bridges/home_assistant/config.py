@@ -51,6 +51,11 @@ class HomeAssistantConfig(BrokerConfig):
         default="",
         description="folder of `pointit home`, which sets it: its cards set up address, token and lamps",
     )
+    say_online: bool = Field(
+        default=True,
+        description="without a Home Assistant, say `online` on its status topic at the broker: some lamps "
+        "announce themselves only then",
+    )
     hover: bool = Field(
         default=True, description="lamps that are on brighten or dim by a fifth while somebody points at them"
     )

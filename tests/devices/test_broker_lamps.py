@@ -21,9 +21,15 @@ from pointit.schemas import HomeSetup, SetUpHome
 from pointit.schemas.topics import HEALTH, SET_UP_HOME
 from tests.examples.running import running
 from tests.support.announced_lights import (
+    BULB,
+    BULB_STATE,
+    ESPHOME,
+    ESPHOME_TOPIC,
+    PLUG,
     RELAY,
     RELAY_LIGHT,
     RELAY_TOPIC,
+    SENSOR,
     TASMOTA,
     TASMOTA_TOPIC,
     ZIGBEE,
@@ -278,3 +284,70 @@ async def test_address_of_a_broker_with_a_password_is_refused_and_not_shown(tmp_
         with pytest.raises(Exception, match="no address of a broker") as caught:
             await cards.act("connect", url="mqtt://anna:sesame@hub")
         assert "sesame" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("messages", "sentence"),
+    [
+        ([], "nothing has announced itself to 127.0.0.1"),
+        ([("tasmota/discovery/2462AB/config", PLUG)], "`SetOption30 1` makes its relay a light"),
+        ([("homeassistant/device/0AFFD2/config", SENSOR)], "1 devices without a light have announced"),
+    ],
+)
+async def test_card_without_lamps_says_what_has_announced_itself(
+    port: int, tmp_path: Path, messages: list[tuple[str, bytes]], sentence: str
+) -> None:
+    HomeFiles(tmp_path).create()
+    await until(lambda: is_listening(port), what="the broker")
+    async with aiomqtt.Client("127.0.0.1", port) as client:
+        for topic, payload in messages:
+            await client.publish(topic, payload, qos=1, retain=True)
+        async with memory_bench(WallClock()) as bench:
+            cards = await cards_of(bench, tmp_path)
+            await cards.act("connect", url=f"mqtt://127.0.0.1:{port}")
+            setup = await cards.until(lambda setup: sentence in " ".join(setup.advice))
+    assert not setup.lamps
+
+
+async def test_lamp_that_announces_itself_when_a_home_is_online_is_found(port: int, tmp_path: Path) -> None:
+    """A device with `discovery_retain: false`, as an ESPHome or a gateway can be set to."""
+    HomeFiles(tmp_path).create()
+    await until(lambda: is_listening(port), what="the broker")
+
+    async def announce(client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            if message.payload == b"online":
+                await client.publish(ESPHOME_TOPIC, ESPHOME)
+
+    async with aiomqtt.Client("127.0.0.1", port) as client, memory_bench(WallClock()) as bench:
+        await client.subscribe("homeassistant/status")
+        async with running(announce(client)):
+            cards = await cards_of(bench, tmp_path)
+            await cards.act("connect", url=f"mqtt://127.0.0.1:{port}")
+            setup = await cards.until(lambda setup: bool(setup.lamps))
+    assert [lamp.label for lamp in setup.lamps] == ["The Tube Light"]
+
+
+async def test_bulb_that_announces_itself_as_a_tasmota_is_switched(port: int) -> None:
+    answers = {b"ON": b'{"POWER":"ON"}', b"OFF": b'{"POWER":"OFF"}', b"": BULB_STATE}
+
+    async def answer(client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            assert isinstance(message.payload, bytes)
+            commands.append((message.topic.value, message.payload.decode()))
+            await client.publish("stat/tasmota_B94927/RESULT", answers[message.payload])
+
+    commands: list[tuple[str, str]] = []
+    await until(lambda: is_listening(port), what="the broker")
+    async with aiomqtt.Client("127.0.0.1", port) as client, memory_bench(WallClock()) as bench:
+        await client.publish("tasmota/discovery/00000049A3BC/config", BULB, qos=1, retain=True)
+        await client.publish("tele/tasmota_B94927/LWT", b"Online", qos=1, retain=True)
+        await client.subscribe("cmnd/#")
+        async with running(answer(client)):
+            site = HomeSite(bench, thing("bulb", "light.tasmota_00000049a3bc_1"))
+            start(bench, HomeAssistantConfig(broker=f"127.0.0.1:{port}"))
+            await until(lambda: site.states.get("bulb") is not None, what="the bulb")
+            await until(lambda: site.states["bulb"].state == "off", what="its answer")
+            site.point("bulb")
+            await until(lambda: site.selected == {"bulb"}, what="the bulb to be on")
+    assert ("cmnd/tasmota_B94927/POWER1", "ON") in commands

@@ -54,3 +54,15 @@ ZWAVE = b"""{"name":"In_wall_study_switch",
 "brightness_scale":99,"qos":2,"retain":false,"payload_available":"true","payload_not_available":"false",
 "unique_id":"study_switch_111","on_command_type":"first","device":{"identifiers":"inwallstudyswitch111"}}"""
 """A light of Zwave2Mqtt whose template is a program (Zwave2Mqtt, issue 40)."""
+
+BULB = b"""{"ip":"192.168.0.10","dn":"Tasmota","fn":["Test",null,null,null,null,null,null,null],
+"hn":"tasmota_49A3BC-0956","mac":"00000049A3BC","md":"Sonoff Basic","ty":0,"if":0,
+"ofln":"Offline","onln":"Online","state":["OFF","ON","TOGGLE","HOLD"],"sw":"8.4.0.2","t":"tasmota_B94927","ft":"%prefix%/%topic%/",
+"tp":["cmnd","stat","tele"],"rl":[2,0,0,0,0,0,0,0],"swc":[-1,-1,-1,-1,-1,-1,-1,-1],"btn":[0,0,0,0],
+"so":{"4":0,"11":0,"13":0,"17":0,"20":0,"30":0,"68":0,"73":0,"80":0},"lk":1,"lt_st":1,"ver":1}"""
+BULB_STATE = b'{"Time":"2020-09-08T18:07:56","POWER":"OFF","Dimmer":40}'
+"""A Tasmota by its own discovery, as in the tests of home-assistant/core (tests/components/tasmota)."""
+PLUG = BULB.replace(b'"rl":[2', b'"rl":[1')
+SENSOR = b"""{"dev":{"ids":"ea334450945afc","name":"Kitchen"},"o":{"name":"bla2mqtt"},
+"cmps":{"some_id1":{"p":"sensor","unique_id":"temp01ae_t"}}}"""
+"""A device without a light, from the documentation of Home Assistant's discovery."""

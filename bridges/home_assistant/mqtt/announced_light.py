@@ -4,6 +4,7 @@ https://www.home-assistant.io/integrations/light.mqtt, schemas `default` and `js
 those of Home Assistant. What cannot be carried out as it is announced is refused by name, never guessed.
 """
 
+import contextlib
 import json
 import re
 import zlib
@@ -272,8 +273,12 @@ class AnnouncedLight:
         return listed
 
     def _read_scale(self) -> int:
-        scale = self._fields.get("brightness_scale", MAX_BRIGHTNESS)
-        if type(scale) is not int or scale < 1:
+        value = self._fields.get("brightness_scale", MAX_BRIGHTNESS)
+        scale = 0
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            with contextlib.suppress(ValueError, OverflowError):
+                scale = int(value)
+        if scale < 1:
             raise self._refusal("has a `brightness_scale` that is no number above 0")
         if scale > MAX_SCALE:
             raise self._refusal(f"has a `brightness_scale` above {MAX_SCALE}")
@@ -367,7 +372,7 @@ class AnnouncedJsonLight(AnnouncedLight):
             self._is_on = {"ON": True, "OFF": False}.get(str(message["state"]))
         if "brightness" in message:
             level = message["brightness"]
-            self._on_level(str(level) if isinstance(level, int | float) else UNKNOWN)
+            self._on_level(str(level) if isinstance(level, int | float | str) else UNKNOWN)
         if "effect" in message:
             self._effect = label(message["effect"])
 

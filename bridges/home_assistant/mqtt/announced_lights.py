@@ -11,6 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from pointit.bridges.home_assistant.mqtt.announced_light import AnnouncedLight, light_of
+from pointit.bridges.home_assistant.mqtt.tasmota_light import (
+    DISCOVERY,
+    TasmotaLight,
+    is_tasmota,
+    tasmota_configs,
+)
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.mqtt.discovery import (
     LightConfig,
@@ -69,6 +75,8 @@ class AnnouncedLights:
         self._refusals: dict[str, list[str]] = {}
         """Sentences on what cannot be used, by the topic of its message."""
         self._has_more_refusals = False
+        self._without_lights: set[str] = set()
+        """Topics of devices that have announced themselves without a light."""
 
     @property
     def refusals(self) -> Sequence[str]:
@@ -80,6 +88,24 @@ class AnnouncedLights:
         if self._has_more_refusals:
             sentences.append(f"{self._broker} has further lamps that cannot be used")
         return sentences
+
+    @property
+    def reason_of_none(self) -> str:
+        """Return why there is no light, and what to do, or `""` if there is one, or a sentence on one."""
+        if self.entries or self._refusals:
+            return ""
+        places = f"{self._prefix}/light/, {self._prefix}/device/ and {DISCOVERY}/"
+        number = len(self._without_lights)
+        if not number:
+            return (
+                f"nothing has announced itself to {self._broker} below {places}: switch the discovery of "
+                "Home Assistant on in your lamps or their gateway, start them again, or set the variable "
+                "MQTT_DISCOVERY_PREFIX if they use another prefix"
+            )
+        reason = f"{number} devices without a light have announced themselves to {self._broker}"
+        if any(map(is_tasmota, self._without_lights)):
+            return f"{reason}: of a Tasmota, `SetOption30 1` makes its relay a light"
+        return f"{reason}, and no lamp: switch the discovery of Home Assistant on in your lamps"
 
     @property
     def topics(self) -> set[str]:
@@ -116,6 +142,10 @@ class AnnouncedLights:
         self.clear_refusals(topic)
         change = AnnouncedChange()
         lights = self._lights_in(topic, payload)
+        self._without_lights.discard(topic)
+        is_device = bool(payload) and not lights and topic not in self._refusals
+        if is_device and len(self._without_lights) < MAX_REFUSED_TOPICS:
+            self._without_lights.add(topic)
 
         # Lights that are announced no more
         for entity, entry in list(self.entries.items()):
@@ -146,9 +176,14 @@ class AnnouncedLights:
             self.refuse(topic, f"the announcement on {shown_topic} cannot be used: it is no object in JSON")
             return {}
         lights: dict[str, tuple[LightConfig, AnnouncedLight]] = {}
-        for config in light_configs(topic, payload, self._prefix):
+        make_light = light_of
+        configs = light_configs(topic, payload, self._prefix)
+        if is_tasmota(topic):
+            make_light = TasmotaLight
+            configs = tasmota_configs(payload)
+        for config in configs:
             try:
-                light = light_of(config)
+                light = make_light(config)
             except RefusedError as error:
                 self.refuse(topic, str(error))
                 continue

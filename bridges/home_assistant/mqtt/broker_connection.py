@@ -20,6 +20,7 @@ from pointit.bridges.home_assistant.home_connection import (
     ActionRefusedError,
     NoHomeAssistantError,
 )
+from pointit.bridges.home_assistant.mqtt import tasmota_light
 from pointit.bridges.home_assistant.mqtt.announced_light import (
     MAX_BRIGHTNESS,
     AnnouncedLight,
@@ -41,6 +42,9 @@ from pointit.schemas.text import first_of, one_line
 
 log = logging.getLogger(__name__)
 
+STATUS = "status"
+"""Topic below the prefix on which a home says that it has started."""
+ONLINE = "online"
 SETTLED_S = 0.5
 """Time without another retained announcement after which all lights are known, s."""
 ACK_S = 5.0
@@ -62,8 +66,20 @@ MAX_LOGGED = 500
 class BrokerConnection:
     """Lights that announce themselves on one broker. Implements `HomeConnection`."""
 
-    def __init__(self, client: BrokerClient, broker: str, prefix: str) -> None:
-        """Use a connected client; `broker` is its address, `prefix` that of the discovery."""
+    def __init__(
+        self, client: BrokerClient, broker: str, prefix: str, *, should_say_online: bool = False
+    ) -> None:
+        """Use a connected client.
+
+        Args:
+            client: the client.
+            broker: its address.
+            prefix: that of the discovery.
+            should_say_online: ask devices to announce themselves, as a Home Assistant does when it starts.
+        """
+        self._should_say_online = should_say_online
+        self._problem = ""
+        """Refusal of the broker that may be the reason for which there are no lights, or `""`."""
         self._client = client
         self._broker = broker
         self._prefix = prefix
@@ -90,8 +106,11 @@ class BrokerConnection:
 
     @property
     def refusals(self) -> Sequence[str]:
-        """Return sentences on lights that cannot be used as they are announced."""
-        return self._lights.refusals
+        """Return sentences on lights that cannot be used as they are announced, or why there is none."""
+        reason = self._lights.reason_of_none if self._has_started else ""
+        if not reason:
+            return self._lights.refusals
+        return [part for part in (reason, self._problem) if part]
 
     async def request(self, command: str, **fields: Any) -> Any:
         """Return the registry of areas or entities, which has what lights suggest.
@@ -125,10 +144,27 @@ class BrokerConnection:
         is_settled = now_s - self._announced_s >= SETTLED_S
         if not is_settled and now_s - self._begin_s < MAX_START_S:
             return True
+        if self._should_say_online:
+            self._should_say_online = False
+            await self._say_online()
+            self._announced_s = self._loop.time()
+            return True
         self._has_started = True
         self._silent.update(self._lights.entries)
         self._has_changed.set()
         return False
+
+    async def _say_online(self) -> None:
+        """Ask for announcements that are not retained, which devices send once a home says so.
+
+        https://www.home-assistant.io/integrations/mqtt, "Birth and last will messages". Other devices send
+        theirs again.
+        """
+        with self._lost_connections():
+            try:
+                await self._client.publish(f"{self._prefix}/{STATUS}", ONLINE, qos=0, timeout=ACK_S)
+            except RefusedTopicsError as error:
+                self._problem = str(error)
 
     async def subscribe(self, event: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
         """Call `handler` with each change of a state. Announcements are read from now on.
@@ -141,7 +177,10 @@ class BrokerConnection:
         self._begin_s = self._loop.time()
         self._announced_s = self._begin_s
         with self._lost_connections():
-            await self._client.subscribe([(topic, 0) for topic in discovery_topics(self._prefix)])
+            topics = [*discovery_topics(self._prefix), tasmota_light.FILTER]
+            self._problem = await self._client.subscribe(
+                [(topic, 0) for topic in topics], optional=[tasmota_light.FILTER]
+            )
 
     async def call(self, call: ServiceCall) -> str:
         """Switch a light. Return the context that its answer has.
@@ -208,9 +247,8 @@ class BrokerConnection:
                 continue
             if topic in self._subscribed:
                 self._on_report(topic, payload)
-            if is_announcement(
-                topic, self._prefix
-            ):  # also if a light names it as its own: it would hide another
+            # Also if a light names it as its own: it would hide another
+            if is_announcement(topic, self._prefix) or tasmota_light.is_tasmota(topic):
                 self._on_announcement(topic, payload)
 
     def _refuse_long_message(self, topic: str, size: int) -> None:
@@ -390,4 +428,4 @@ async def broker_connected(config: HomeAssistantConfig) -> AsyncGenerator[Broker
                     "mqtt://USER@HOST, and give the password"
                 )
             raise NoHomeAssistantError(f"{config.broker}: {reason}") from error
-        yield BrokerConnection(client, config.broker, discovery_prefix())
+        yield BrokerConnection(client, config.broker, discovery_prefix(), should_say_online=config.say_online)

@@ -278,7 +278,8 @@ class SetupSession:
             return ""
         if state.step == "connect":
             return connection_problem
-        is_map_enough = all(_is_of_map(lamp.id) for lamp in state.lamps)
+        # Before a lamp is chosen, the card waits for those of the home
+        is_map_enough = bool(state.lamps) and all(_is_of_map(lamp.id) for lamp in state.lamps)
         return "" if is_map_enough else connection_problem
 
     async def _make_reply(self, connection_problem: str) -> HomeSetup:

@@ -82,7 +82,8 @@ def light_configs(topic: str, payload: object, prefix: str) -> list[LightConfig]
     lights: list[LightConfig] = []
     for component_id, item in mapping(fields.get("components")).items():
         component = _full_names(mapping(item))
-        if component.get("platform") == "light":
+        is_removed = component.keys() == {"platform"}
+        if component.get("platform") == "light" and not is_removed:
             name_on_device = f"{name.removeprefix(f'{prefix}/device/')}/{component_id}"
             lights.append(_light_config(name_on_device, {**fields, **component}))
     return lights

@@ -176,9 +176,30 @@ def test_light_without_state_topic_is_as_it_was_switched() -> None:
     assert not light(state_topic="lamp").assume(is_on=True)
 
 
+@pytest.mark.parametrize("scale", ["100", 100.0, "0100"])
+def test_scale_is_read_by_its_value_as_home_assistant_converts_it(scale: object) -> None:
+    lamp = light(brightness_command_topic="level", brightness_scale=scale)
+    assert [each.payload for each in lamp.commands(is_on=True, brightness=255)] == ["100", "ON"]
+
+
+def test_component_that_has_its_platform_alone_is_removed() -> None:
+    """As the documentation of the discovery asks: https://www.home-assistant.io/integrations/mqtt."""
+    device = {
+        "dev": {"ids": ["02AB3C"], "name": "Shelf"},
+        "o": {"name": "own"},
+        "cmps": {"left": {"p": "light", "name": "Left", "cmd_t": "shelf/left"}, "right": {"p": "light"}},
+    }
+    configs = light_configs("homeassistant/device/02AB3C/config", json.dumps(device).encode(), PREFIX)
+    assert [config.fields["name"] for config in configs] == ["Left"]
+
+
 @pytest.mark.parametrize(
     ("fields", "reason"),
     [
+        ({"brightness_scale": True}, "`brightness_scale`"),
+        ({"brightness_scale": "ten"}, "`brightness_scale`"),
+        ({"brightness_scale": "1.5"}, "`brightness_scale`"),
+        ({"brightness_scale": float("inf")}, "`brightness_scale`"),
         ({"schema": "template"}, "`schema` is template"),
         ({"schema": 3}, "`schema`"),
         ({"command_topic": "lamp/#"}, "`command_topic` that is no topic"),

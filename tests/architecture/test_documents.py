@@ -110,15 +110,6 @@ def unknown_scripts(text: str) -> set[str]:
     return {script for script in scripts if not (ROOT / script).is_file()}
 
 
-def test_the_path_of_a_sample_has_one_file_a_step() -> None:
-    text = (ROOT / "docs/explanation/architecture.md").read_text(encoding="utf-8")
-    steps = re.findall(
-        r"(?m)^\| \d+\. .*$", text.partition("## The path of a sample")[2].partition("\n## ")[0]
-    )
-    assert 10 <= len(steps) <= 20
-    assert [step for step in steps if len(re.findall(r"\]\([^)]+\.py\)", step)) != 1] == []
-
-
 @documents
 def test_links_paths_and_scripts_exist(path: Path) -> None:
     text = path.read_text(encoding="utf-8")

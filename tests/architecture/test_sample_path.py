@@ -48,6 +48,12 @@ def test_function_of_a_step_has_the_stated_lines(step: Step) -> None:
     assert step.lines == line_count(step), f"correct the row of {step.name} in {PAGE.name}, and the sum above"
 
 
+def test_steps_are_numbered_and_each_has_one_function() -> None:
+    section = PAGE.read_text(encoding="utf-8").partition("## The path of a sample")[2].partition("\n## ")[0]
+    numbers = [int(number) for number in re.findall(r"(?m)^\| (\d+)\. ", section)]
+    assert numbers == list(range(1, len(STEPS) + 1)), "a row has not the form of the others"
+
+
 def test_sum_above_the_table_is_that_of_its_rows() -> None:
     stated = SUM.search(PAGE.read_text(encoding="utf-8"))
     assert stated is not None

@@ -25,7 +25,7 @@ REASONS = {
 UNRUN = {
     "deploy/README.md": 10, "docs/explanation/limits.md": 1, "docs/how-to/assistants.md": 2,
     "docs/how-to/contribute.md": 1, "docs/how-to/conveyor.md": 1, "docs/how-to/export.md": 3,
-    "docs/how-to/home-assistant.md": 4,
+    "docs/how-to/home.md": 1, "docs/how-to/home-assistant.md": 3,
     "docs/how-to/measure.md": 9, "docs/how-to/motion-capture.md": 1, "docs/how-to/observe.md": 1,
     "docs/how-to/page.md": 1,
     "docs/how-to/put-that-there.md": 1, "docs/how-to/replay.md": 1, "docs/how-to/ros2.md": 3,

@@ -16,13 +16,13 @@ from typing import Any, Literal, assert_never, cast
 
 from pydantic import ValidationError
 
-from pointit.maps.edit import dump_yaml
 from pointit.maps.file import shipped_maps
 from pointit.maps.model import OBJECT
 from pointit.recording.entries import AnyRow, Entry
 from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.config import Config, Layers, validate
+from pointit.runtime.config.yaml_edit import dump_yaml
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, site_folder
 from pointit.runtime.service.service import Launch, run_service

@@ -8,7 +8,7 @@ from typing import Any
 import pointit
 from pointit.errors import ConfigError
 from pointit.launch.plan.scenario_catalog import room_of
-from pointit.maps.edit import dump_yaml
+from pointit.runtime.config.yaml_edit import dump_yaml
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.host.state_file import write_atomically
 from pointit.study.measure import load_end_rule

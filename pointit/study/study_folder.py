@@ -10,8 +10,8 @@ from typing import Any, Self
 from pydantic import Field, StrictBool
 
 from pointit.errors import ConfigError
-from pointit.maps.edit import dump_yaml
 from pointit.runtime.config.config import Config, Layers
+from pointit.runtime.config.yaml_edit import dump_yaml
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.host.state_file import write_atomically
 from pointit.study.append_only_csv import AppendOnlyCsv, free_path

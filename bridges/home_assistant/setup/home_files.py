@@ -4,11 +4,9 @@ No core: it reads and writes files.
 """
 
 import contextlib
-import json
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pointit.bridges.home_assistant.setup.progress import (
     AddressTrial,
@@ -25,10 +23,11 @@ from pointit.maps.file import parse_map_file
 from pointit.maps.light_files.strip_fit import free_name
 from pointit.maps.model import MAX_LABEL, MapFile
 from pointit.maps.things import things_of
-from pointit.runtime.config.yaml_file import parse_yaml
+from pointit.runtime.config.yaml_edit import quoted, with_values
+from pointit.runtime.config.yaml_file import MAX_YAML_BYTES, parse_yaml
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
-from pointit.runtime.mqtt.broker_config import is_broker_url
+from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
 from pointit.scan.paced import FIRST, SECOND
 from pointit.schemas.home import LAMP, NEW_SECRET, PASSWORD_FILE, STRIP, TOKEN_FILE
 from pointit.schemas.printable import is_printable
@@ -39,11 +38,14 @@ DRAFT = "placing.yaml"
 """Map while lamps are pointed at: without things, so that none of them reacts."""
 SITE = "site.yaml"
 STATE = "setup.json"
-MAX_MAP_BYTES = 16 * 2**20
 SIZE_M = 0.3
 """Size of a thing that was placed by pointing, m."""
-SECTION = re.compile(r"^home[_-]assistant:.*\n?(?:[ \t]+.*\n?)*", re.MULTILINE)
-"""Section of the Home Assistant in a file of parameters."""
+SECTIONS = ("home_assistant", "home-assistant")
+"""Names of the section of the Home Assistant in a file of parameters."""
+ADDRESS = ("url", "token_file", "broker", "username", "password_file")
+"""Parameters that are of an address, and change with it. All others are as people have written them."""
+ENCRYPTION = ("tls", "ca_file")
+"""Parameters of encrypted brokers, which no other broker may have."""
 
 EMPTY_MAP = """# The lamps of your home, placed by `pointit home`. Edit this file as you like: names, modes
 # and all else that docs/reference/maps.md has stay as they are when lamps are placed again.
@@ -76,7 +78,7 @@ class HomeFiles:
     def read_map(self) -> bytes:
         """Return the content of the map, that of an empty one if there is none. Raises ConfigError."""
         try:
-            return read_limited(self.map, MAX_MAP_BYTES)
+            return read_limited(self.map, MAX_YAML_BYTES + 1)
         except FileNotFoundError:
             return EMPTY_MAP.encode()
 
@@ -94,11 +96,12 @@ class HomeFiles:
 
     def write_site(self, setup: StoredSetup) -> None:
         """Write the address of the home into the parameters. Raises ConfigError."""
-        text = EMPTY_SITE
+        content = EMPTY_SITE.encode()
         if self.site.exists():
-            text = read_limited(self.site, MAX_MAP_BYTES).decode()
-        secret = self.secret_of(setup.url)
-        write_atomically(self.site, with_home_assistant(text, setup.url, secret).encode())
+            content = read_limited(self.site, MAX_YAML_BYTES + 1)
+        changed = with_home_assistant(content, self.site, setup.url, self.secret_of(setup.url))
+        if changed != content:
+            write_atomically(self.site, changed)
 
     def secret_of(self, url: str) -> Path:
         """Return the file with the password of the broker at `url`, or with the token of a Home Assistant."""
@@ -154,47 +157,47 @@ def needs_secret(url: str) -> bool:
     return "@" in url or not is_broker_url(url)
 
 
-def with_home_assistant(text: str, url: str, secret_file: Path) -> str:
-    """Return the parameters in `text` with a Home Assistant or broker, or without one if `url` is empty.
+def with_home_assistant(content: bytes, path: Path, url: str, secret_file: Path) -> bytes:
+    """Return the parameters in `content` of `path` with the address of a Home Assistant or a broker.
 
-    `secret_file` has the token or the password. A broker without a user name asks for none. If they are
-    there, all stays: the section may have other parameters, which people have written.
+    `secret_file` has the token or the password. A broker without a user name asks for none. All that people
+    have written stays, but for another address and what is of it.
+
+    Raises:
+        ConfigError: If `content` is not YAML, or its form does not allow the change.
     """
     values = {"url": url, "token_file": str(secret_file)}
     if is_broker_url(url):
         values = {"broker": url}
         if needs_secret(url):
             values["password_file"] = str(secret_file)
-    if url and _has_values(text, values):
-        return text
+    data = dict(parse_yaml(content, path))
+    name = next((section for section in SECTIONS if section in data), SECTIONS[0])
+    written = data.get(name)
+    section = dict(cast("dict[str, Any]", written)) if isinstance(written, dict) else {}
+    if values.items() <= section.items():
+        return content
 
-    rest = SECTION.sub("", text)
-    if not url:
-        return rest
-    if rest and not rest.endswith("\n"):
-        rest += "\n"
-    # the texts of JSON are those of YAML, too
-    fields = ", ".join(f"{key}: {json.dumps(value)}" for key, value in values.items())
-    return f"{rest}home_assistant: {{{fields}}}\n"
-
-
-def _has_values(text: str, values: Mapping[str, str]) -> bool:
-    """Return True if the section of the Home Assistant in `text` has `values`."""
+    former = [key for key in ADDRESS if key not in values]
+    if is_broker_url(url) and not BrokerConfig(broker=url).tls:
+        former += ENCRYPTION
+    for key in former:
+        section.pop(key, None)
+    data[name] = section | values
     try:
-        parameters = parse_yaml(text.encode(), SITE)
-    except ConfigError:  # it is empty, for example
-        return False
-    section = parameters.get("home_assistant", parameters.get("home-assistant"))
-    return isinstance(section, dict) and values.items() <= section.items()
+        return with_values(content, data, path)
+    except RefusedError as error:
+        fields = ", ".join(f"{key}: {quoted(value)}" for key, value in values.items())
+        raise ConfigError(f"{error}: `{name}` needs {fields}") from error
 
 
 def draft_map(content: bytes, path: Path) -> bytes:
     """Return the map at `path` without its things. Raises PointItError."""
-    things = parse_map_file(content, path).things
-    edits = [Remove(section="things", name=name) for name in things]
-    text = edited(content, edits, path)
-    # a section without entries would be null
-    return re.sub(rb"^things:[ \t]*(#.*)?\n", b"", text, flags=re.MULTILINE)
+    data = dict(parse_yaml(content, path))
+    data.pop("things", None)
+    draft = with_values(content, data, path)
+    parse_map_file(draft, path)
+    return draft
 
 
 def placed_map(content: bytes, path: Path, setup: StoredSetup) -> bytes:

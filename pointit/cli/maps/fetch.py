@@ -15,10 +15,10 @@ from pointit.cli.common.site_link import notify_if_slow as notify_if_slow_site
 from pointit.cli.common.site_link import quiet
 from pointit.cli.maps.map_file import WEB_ADDRESS_REMEDY, print_findings
 from pointit.maps.checks.check import examined
-from pointit.maps.edit import dump_yaml
 from pointit.maps.file import parse_map_file
 from pointit.runtime.config.config import Layers
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
+from pointit.runtime.config.yaml_edit import dump_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.state_file import replaced_file

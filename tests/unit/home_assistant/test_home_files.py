@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.setup.home_files import (
     HomeFiles,
     advice_on,
@@ -14,7 +15,7 @@ from pointit.bridges.home_assistant.setup.home_files import (
 )
 from pointit.bridges.home_assistant.setup.progress import ChosenLamp, PlacedLamp, StoredSetup
 from pointit.maps.file import parse_map_file
-from pointit.runtime.errors import RefusedError
+from pointit.runtime.errors import ConfigError, RefusedError
 
 PATH = Path("home.yaml")
 OWN = b"""# mine
@@ -116,34 +117,128 @@ def test_lamp_that_the_map_has_lost_is_refused() -> None:
         placed_map(OWN, PATH, setup)
 
 
+SITE_FILE = Path("site.yaml")
+
+
+def changed_site(text: str, url: str, secret: Path = Path("/secret")) -> str:
+    return with_home_assistant(text.encode(), SITE_FILE, url, secret).decode()
+
+
 def test_parameters_of_other_services_stay() -> None:
     text = "# mine\nweb: {port: 9000}\nhome-assistant:\n  url: http://old\n  hover: false\n"
     text += "selector: {method: hold}\n"
-    changed = with_home_assistant(text, 'http://ha:8123/"', Path("/x y/token"))
+    changed = changed_site(text, 'http://ha:8123/"', Path("/x y/token"))
     data = yaml.safe_load(changed)
     assert data == {
         "web": {"port": 9000},
         "selector": {"method": "hold"},
-        "home_assistant": {"url": 'http://ha:8123/"', "token_file": "/x y/token"},
+        "home-assistant": {"url": 'http://ha:8123/"', "token_file": "/x y/token", "hover": False},
     }
     assert changed.startswith("# mine\n")
 
 
 @pytest.mark.parametrize("url", ["http://ha:8123", "mqtt://hub", "mqtts://anna@hub"])
-def test_parameters_in_the_section_of_an_unchanged_address_stay(url: str) -> None:
-    written = with_home_assistant("web: {port: 9000}\n", url, Path("/secret"))
-    first, _, section = written.partition("home_assistant")
-    section = section.replace("}", ", hover: false, actions: [notify.anna]} # mine")
-    text = f"{first}home_assistant{section}"
-    assert yaml.safe_load(text)["home_assistant"]["hover"] is False
-    assert with_home_assistant(text, url, Path("/secret")) == text
-    assert "notify" not in with_home_assistant(text, "http://other", Path("/secret"))
+def test_parameters_in_the_section_stay_whatever_the_address(url: str) -> None:
+    written = changed_site("web: {port: 9000}\n", url)
+    text = f"{written}  hover: false  # mine\n  actions: [notify.anna]\n"
+    assert changed_site(text, url) == text
+    other = changed_site(text, "http://other")
+    assert yaml.safe_load(other)["home_assistant"] == {
+        "url": "http://other",
+        "token_file": "/secret",
+        "hover": False,
+        "actions": ["notify.anna"],
+    }
+    assert "hover: false  # mine\n" in other
+
+
+@pytest.mark.parametrize(
+    ("url", "stays"), [("mqtts://anna@hub:8884", True), ("mqtt://hub", False), ("http://ha:8123", True)]
+)
+def test_section_with_an_authority_is_one_that_the_next_start_accepts(url: str, *, stays: bool) -> None:
+    text = "home_assistant:\n  broker: hub\n  username: ben\n  tls: true\n  ca_file: /ca.pem  # ours\n"
+    changed = changed_site(text, url)
+    section = yaml.safe_load(changed)["home_assistant"]
+    config = HomeAssistantConfig(**section)
+    config.check()
+    assert ("/ca.pem  # ours" in changed) == stays
+    assert config.username == ("anna" if "@" in url else "")
+
+
+EDITED_SITES = (
+    "web: {port: 9000}\nhome_assistant:\n  url: http://old\n\n  hover: false\n",
+    "web: {port: 9000}\nhome_assistant:\n  url: http://old\n# at the margin\n  hover: false\n",
+    "web: {port: 9000}\nhome_assistant: {\n  url: http://old,\n  hover: false\n}\n",
+    "web: {port: 9000}\nhome_assistant: {url: http://old, hover: false}\nselector: {}\n",
+    "---\nweb: {port: 9000}\nhome_assistant:\n  hover: false\n...\n",
+    "---\nweb: {port: 9000}\nhome_assistant:\n    hover: false",
+    "{web: {port: 9000}, home_assistant: {url: http://old, hover: false}}\n",
+    "home_assistant:\r\n  hover: false\r\nweb: {port: 9000}\r\n",
+    "web: &web {port: 9000}\nhome_assistant: {<<: {hover: false}, url: http://old}\n",
+    "web: {port: 9000}\nhome_assistant:\n  hover: false\n  note: |\n    url: in a text\n    of mine\n",
+)
+"""Files as people write them: blank lines, comments at the margin, braces, marks of documents, merges."""
+
+
+@pytest.mark.parametrize("text", EDITED_SITES)
+@pytest.mark.parametrize("url", ["http://ha:8123", "mqtts://anna@hub"])
+def test_edited_site_file_is_the_same_but_for_the_address(text: str, url: str) -> None:
+    before = yaml.safe_load(text)
+    changed = changed_site(text, url)
+    data = yaml.safe_load(changed)
+    address = ("url", "token_file", "broker", "password_file")
+    for key in address:
+        before["home_assistant"].pop(key, None)
+    key = "broker" if "mqtt" in url else "url"
+    assert data["home_assistant"][key] == url
+    for key in address:
+        data["home_assistant"].pop(key, None)
+    assert {name: value for name, value in data.items() if value} == {
+        name: value for name, value in before.items() if value
+    }
+    assert changed.count("\n") - changed.count("\r\n") == (0 if "\r" in text else changed.count("\n"))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "---\n...\n", "{web: {port: 9000}}\n", "web:\n  port: 9000\n...\n", "web: {port: 9000}"]
+)
+def test_section_is_added_to_any_form_of_file(text: str) -> None:
+    data = yaml.safe_load(changed_site(text, "mqtt://hub"))
+    assert data["home_assistant"] == {"broker": "mqtt://hub"}
+    assert data.get("web") == (yaml.safe_load(text) or {}).get("web")
+
+
+def test_form_that_cannot_be_edited_stays_and_the_sentence_has_the_lines(tmp_path: Path) -> None:
+    files = HomeFiles(tmp_path)
+    text = "mine: &mine {url: http://old, token_file: /t}\nhome_assistant: *mine\n"
+    files.site.write_text(text)
+    with pytest.raises(ConfigError, match=r'`home_assistant` needs url: "http://ha:8123", token_file: '):
+        files.write_site(StoredSetup(url="http://ha:8123"))
+    assert files.site.read_text() == text
 
 
 @pytest.mark.parametrize("text", ["", "home_assistant: 7\n", "home_assistant: [1]\n", "home_assistant:\n"])
 def test_section_without_parameters_is_replaced(text: str) -> None:
-    data = yaml.safe_load(with_home_assistant(text, "mqtt://hub", Path("/secret")))
+    data = yaml.safe_load(changed_site(text, "mqtt://hub"))
     assert data == {"home_assistant": {"broker": "mqtt://hub"}}
+
+
+@pytest.mark.parametrize(
+    "things",
+    [
+        b"things:\n  a: {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n",
+        b"things: {\n  a: {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n}\n",
+        b"things:  # mine\n\n  # margin\n  a:\n    {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n",
+        b'"things": {a: {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}}\n',
+        b"things: {}\n",
+    ],
+)
+def test_draft_of_any_form_has_the_rest_of_the_map(things: bytes) -> None:
+    rest = b"# lamps\npaced_from:\n  A: {position: [0, 0]}  # here\n"
+    for content in (things + rest, rest + things):
+        draft = draft_map(content, PATH)
+        assert not parse_map_file(draft, PATH).things
+        assert b"  A: {position: [0, 0]}  # here\n" in draft
 
 
 def test_confused_names_and_lamps_are_reported() -> None:

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from pointit.maps import exchange
 from pointit.maps.checks.check import examined
-from pointit.maps.edit import dump_yaml
 from pointit.maps.file import load_map, parse_map_file, read_map_file
 from pointit.replay.replayed_services import write_room
+from pointit.runtime.config.yaml_edit import dump_yaml
 from pointit.runtime.errors import ConfigError
 from tests.unit.maps.test_map_edit import edit
 

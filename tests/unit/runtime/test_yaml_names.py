@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from pointit.maps.edit import dump_yaml, quoted
 from pointit.runtime.config.config import Config, Layers, validate
+from pointit.runtime.config.yaml_edit import dump_yaml, quoted
 from pointit.runtime.config.yaml_file import load_yaml, parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 

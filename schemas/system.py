@@ -63,6 +63,19 @@ def split_instance(instance: str) -> tuple[str, str]:
     return service, which
 
 
+def _contradiction(name: str, service: str, instance: str, user: str = "") -> str:
+    """Return the first part of an instance's own name that is not that in its key, `name`, or `""`."""
+    own_service, owner = split_instance(name)
+    if instance != name:
+        return f"states the instance {instance}"
+    # A router of several adds its host to its name
+    if own_service != service and not own_service.startswith(f"{service}-"):
+        return f"states the service {service}"
+    if user not in ("", owner):
+        return f"states the user {user}"
+    return ""
+
+
 class ClockTick(Message):
     """Simulated time: at wall time `stamp_ns` it was `sim_ns`, and it runs `speed` times as fast."""
 
@@ -135,6 +148,10 @@ class Health(Message):
             return self.problems
         return tuple(Problem(code=OTHER, sentence=warning) for warning in self.warnings)
 
+    def contradiction(self, name: str) -> str:
+        """Return the part of its own name that is not that of its key, `name`, or `""`."""
+        return _contradiction(name, self.service, self.instance, self.user)
+
 
 class Configuration(Message):
     """The parameters with which a service has started."""
@@ -146,6 +163,10 @@ class Configuration(Message):
     user: KeyNameOrEmpty = ""
     parameters: Annotated[str, Field(description="JSON of all parameters but secrets")] = "{}"
     release: Annotated[Id, Field(description="version of PointIt")] = ""
+
+    def contradiction(self, name: str) -> str:
+        """Return the part of its own name that is not that of its key, `name`, or `""`."""
+        return _contradiction(name, self.service, self.instance, self.user)
 
 
 class ServedRequest(Message):
@@ -159,6 +180,10 @@ class ServedRequest(Message):
     query: Annotated[str, Field(description="JSON")]
     reply: Annotated[str, Field(description="JSON, or empty if it was refused or too large")] = ""
     refusal: Annotated[str, Field(description="the reason, or empty if it was not refused")] = ""
+
+    def contradiction(self, name: str) -> str:
+        """Return the part of its own name that is not that of its key, `name`, or `""`."""
+        return _contradiction(name, self.service, self.instance)
 
 
 class ExpectedService(SchemaModel):

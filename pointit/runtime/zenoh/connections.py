@@ -11,7 +11,7 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, ROUTER_LOST, Link, ports_of
-from pointit.runtime.zenoh.queries import query_replies
+from pointit.runtime.zenoh.queries import ReplyLimit, query_replies
 from pointit.runtime.zenoh.session import (
     close_session,
     configuration,
@@ -25,6 +25,8 @@ from pointit.schemas.topics import ANY, SERVICE_ALIVE
 log = logging.getLogger(__name__)
 
 ASK_S = 1.0
+MAX_TOKENS = 4096
+"""Maximum number of services whose sites are read."""
 MAX_SITES = 20
 """Maximum number of site names in an error message."""
 
@@ -47,7 +49,8 @@ async def sites_at(link: Link) -> tuple[str, ...]:
         return ()
     try:
         selector = f"pointit/*/{SERVICE_ALIVE.at(ANY)}"
-        replies = await query_replies(session.liveliness(), selector, timeout=ASK_S)
+        limit = ReplyLimit(MAX_TOKENS, max_of_key=1)
+        replies = await query_replies(session.liveliness(), selector, limit=limit, timeout=ASK_S)
     finally:
         await close_session(session)
     names = set[str]()

@@ -38,6 +38,13 @@ def check_size(kind: type[Any], payload: zenoh.ZBytes | None) -> None:
         raise DecodeError(f"{kind.__name__}: has {size} bytes, at most {kind.max_bytes} are taken")
 
 
+def check_writer(message: Message, name: str) -> None:
+    """Check that a message under the key of `name` states no other writer. Raises `DecodeError`."""
+    contradiction = message.contradiction(name)
+    if contradiction:
+        raise DecodeError(f"{type(message).__name__}: {contradiction} under the key of {name}")
+
+
 def name_from_key(row: AnyTopic | Request[Any, Any] | Presence, key: str) -> str:
     """Return the name in an untrusted key. Raises `SchemaError` if it is invalid."""
     name = row.name_in(key)
@@ -91,6 +98,28 @@ def declare_subscriber(
     """Call `on_sample` for each put and delete on `key` while there is a route to the writer."""
     remote = zenoh.Locality.REMOTE
     return session.declare_subscriber(key, Callback(on_sample, indirect=False), allowed_origin=remote)
+
+
+def declare_retained_subscribers(
+    session: zenoh.Session,
+    key: str,
+    on_sample: Callable[[zenoh.Sample], None],
+    on_heartbeat: Callable[[zenoh.Sample], None],
+    on_writer: Callable[[zenoh.Sample], None] | None,
+) -> list[Declared]:
+    """Call the functions for samples on `key`, for heartbeats of its writers, and for writers that come.
+
+    Heartbeats show that a last message was lost. Periodic queries would cost more.
+    """
+    writers = f"{key}/@adv/pub/**"
+    declared = [
+        declare_subscriber(session, key, on_sample),
+        declare_subscriber(session, writers, on_heartbeat),
+    ]
+    if on_writer is not None:
+        on_token = Callback(on_writer, indirect=False)
+        declared.append(session.liveliness().declare_subscriber(writers, on_token))
+    return declared
 
 
 def declare_caching_subscriber(

@@ -10,7 +10,9 @@ import logging
 import math
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import zenoh
@@ -18,12 +20,17 @@ from zenoh.handlers import Callback
 
 from pointit.runtime.zenoh.declarations import Declared
 from pointit.schemas import SchemaError
+from pointit.schemas.text import one_line
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 MAX_WAITING = 512
 """Maximum length of a queue, twice the calls that a server answers at a time. Others are rejected."""
+MAX_REPLY_BYTES = 1024 * 1024
+"""Maximum length of a reply: that of the longest message of a site."""
+MAX_SHOWN = 100
+"""Maximum number of characters of a key in a message."""
 SLICE_S = 0.001
 """Maximum time for which one queue is handled in a turn of the loop, s. Other tasks run between turns."""
 SHOWN_S = 5.0
@@ -31,38 +38,130 @@ SHOWN_S = 5.0
 LOG_PERIOD_S = 1.0
 
 
+@dataclass(frozen=True)
+class ReplyLimit:
+    """Number and size of the replies that were asked for. Others are not kept."""
+
+    max_replies: int
+    """Number of replies with which a query ends."""
+    max_bytes: int = MAX_REPLY_BYTES
+    """Maximum length of one reply."""
+    max_of_key: int | None = None
+    """Number of replies under one key, if the query is for several: one writer takes no other's place."""
+
+
+class ExcessReplies:
+    """Counts replies that nobody has asked for, of all queries of this process, from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._count = 0
+        self._selector = ""
+        self._writer = ""
+        self._last_s = self._logged_s = -math.inf
+
+    def add(self, selector: str, writer: str, now_s: float) -> None:
+        """Count a reply to `selector`, under the key `writer`, at `now_s`, monotonic."""
+        with self._lock:
+            self._count += 1
+            self._selector = selector
+            self._writer = writer
+            self._last_s = now_s
+            if now_s - self._logged_s < LOG_PERIOD_S:
+                return
+            self._logged_s = now_s
+        log.warning("%s", self.problem(now_s))
+
+    def problem(self, now_s: float) -> str:
+        """Return a message for `SHOWN_S` after the last of them, else `""`."""
+        with self._lock:
+            if now_s - self._last_s > SHOWN_S:
+                return ""
+            return (
+                f"the writer of {one_line(self._writer, MAX_SHOWN)} answers more than was asked for "
+                f"({one_line(self._selector, MAX_SHOWN)}; {self._count} answers since the start were not "
+                "read): end its process, or revoke its identity"
+            )
+
+
+excess_replies = ExcessReplies()
+"""Those of this process."""
+
+
+class _RepliesOfQuery:
+    """Replies to one query, up to its limit. Called on Zenoh's threads."""
+
+    def __init__(self, selector: str, limit: ReplyLimit, end: Callable[[], None]) -> None:
+        """Begin without replies. `end` is called once there are too many."""
+        self.replies: list[zenoh.Reply] = []
+        self._selector = selector
+        self._limit = limit
+        self._end = end
+        self._by_key = Counter[str]()
+
+    def add(self, reply: zenoh.Reply) -> None:
+        sample = reply.ok
+        error = reply.err
+        key = ""
+        payload = None
+        if sample is not None:
+            key = str(sample.key_expr)
+            payload = sample.payload
+        elif error is not None:
+            payload = error.payload
+
+        is_too_long = payload is not None and len(payload) > self._limit.max_bytes
+        max_of_key = self._limit.max_of_key
+        is_beyond_key = max_of_key is not None and self._by_key[key] >= max_of_key
+        has_room = len(self.replies) < self._limit.max_replies
+        if has_room and not is_too_long and not is_beyond_key:
+            self._by_key[key] += 1
+            self.replies.append(reply)
+            return
+        excess_replies.add(self._selector, key or self._selector, time.monotonic())
+        if not has_room:
+            self._end()
+
+
 async def query_replies(
-    session: zenoh.Session | zenoh.Liveliness, selector: str, **arguments: Any
+    session: zenoh.Session | zenoh.Liveliness, selector: str, *, limit: ReplyLimit, **arguments: Any
 ) -> list[zenoh.Reply]:
     """Return the answers of other sessions in order of arrival. A cancelled task waits for no further answer.
 
-    `session`: a session, or its `liveliness()` for tokens. `arguments`: further arguments of its `get`.
+    Replies beyond `limit` are not kept. `session`: a session, or its `liveliness()` for tokens. `arguments`:
+    further arguments of its `get`.
     """
     loop = asyncio.get_running_loop()
-    done = asyncio.Event()
-    replies: list[zenoh.Reply] = []
+    ended = asyncio.Event()
+    is_complete = threading.Event()
 
-    def finish() -> None:  # on Zenoh's thread
+    def end() -> None:  # on Zenoh's thread
         with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(done.set)
+            loop.call_soon_threadsafe(ended.set)
+
+    def complete() -> None:
+        is_complete.set()
+        end()
 
     token = zenoh.CancellationToken()
-    on_reply = Callback(replies.append, finish, indirect=False)
+    received = _RepliesOfQuery(selector, limit, end)
+    on_reply = Callback(received.add, complete, indirect=False)
     session.get(selector, on_reply, cancellation_token=token, **arguments)
     try:
-        await done.wait()
-    except asyncio.CancelledError:
-        loop.run_in_executor(None, token.cancel)
-        raise
-    return replies
+        await ended.wait()
+    finally:
+        # Cancelled, or ended with more replies than were asked for: no more of them are read
+        if not is_complete.is_set():
+            loop.run_in_executor(None, token.cancel)
+    return list(received.replies)
 
 
 async def query_samples(
-    session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
+    session: zenoh.Session, selector: str, *, timeout_s: float, limit: ReplyLimit, under_any_key: bool = False
 ) -> list[zenoh.Sample]:
     """Return the samples of all answers in order of arrival, or none if Zenoh cannot send the query.
 
-    `under_any_key`: answers may have other keys than the query.
+    `under_any_key`: answers may have other keys than the query. Those beyond `limit` are not read.
     """
     # All answers, not only the newest of each key: several may be missing samples
     accept_replies = zenoh.ReplyKeyExpr.ANY if under_any_key else None
@@ -70,6 +169,7 @@ async def query_samples(
         replies = await query_replies(
             session,
             selector,
+            limit=limit,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,

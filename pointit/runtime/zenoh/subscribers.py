@@ -1,217 +1,54 @@
 """Readers of topics over Zenoh: callbacks only fill mailboxes; and retained states of writers that are gone.
 
-After a link loss, the writer is queried for lost events until it answers.
-
-Zenoh queries only once: if the link is lost again before the answer, it gives up and continues with later
-events (zenoh-ext 1.10). Here later events wait for the missing ones, so that events stay in order. Events
-before the first one that arrived from a writer are queried three times, since they may also have been lost.
-
 Living writers answer from their caches, under keys that such a query does not match. Access rules for a
 state's key also apply to its retained value.
 """
 
 import asyncio
 import collections
-import contextlib
 import functools
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import zenoh
 
-from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, Recall, Sent
+from pointit.runtime.bus.contract import AnyTopic, Recall, Sent
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.bus.memory_bus import MailboxSubscription, Participant
 from pointit.runtime.zenoh.declarations import (
     PRIORITY,
     Declared,
     check_size,
-    declare_caching_subscriber,
+    check_writer,
+    declare_retained_subscribers,
     declare_subscriber,
     decoded,
     encoding_of,
     name_from_key,
 )
+from pointit.runtime.zenoh.event_recovery import TIMEOUT_S, EventRecovery
 from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
-from pointit.runtime.zenoh.queries import OverflowCounter, QueuedQueryable, query_samples
+from pointit.runtime.zenoh.queries import OverflowCounter, QueuedQueryable, ReplyLimit, query_samples
+from pointit.runtime.zenoh.sources import CopiedSources
+from pointit.runtime.zenoh.state_recovery import StateRecovery
 from pointit.schemas import DecodeError, KeyNameError, Message, SchemaError, encode
 from pointit.schemas.topics import ANY, KEEPER_ALIVE, Delivery
 
-Writer = tuple[str, int]
-"""Session id, and number of the writer in the session."""
-
-WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
-"""Delay before each query, s. An event that has not arrived after the last query counts as lost."""
-MAX_OF_FIRST = 3
-"""Number of queries for events before a writer's first event. Not every writer caches its events."""
-TIMEOUT_S = 2.0
-MAX_GAPS = 32
-"""Maximum number of writers queried at a time. Others are not queried, which bounds memory."""
-MAX_WRITERS = 1000
-"""Maximum number of stored sequence numbers of writers. The oldest is evicted, which bounds memory."""
 MAX_USERS = 256
 MAX_NAMES = 4096
 """Maximum number of names of a placeholder other than users, such as lamps and service instances."""
 SILENT_S = 60.0
 """Time without a message after which a name may be replaced by a new one, s."""
 
+MAX_KEEPERS = 4
+"""Maximum number of keepers whose states of one name are read."""
 AT_ONCE = 32
 """Maximum number of pending queries."""
 EMPTY_RETRY_S = (0.05, 0.2, 0.7)
 """Delays before unanswered queries are repeated, s. A new process may not be known everywhere yet."""
 BUSY = "the keeper is busy with too many other questions; ask later"
-
-
-@dataclass(slots=True, eq=False)
-class _Gap:
-    """Missing samples of one writer, and the later samples that wait for them."""
-
-    about: str
-    """Key of queries to the writer."""
-    wanted: set[int] = field(default_factory=set[int])
-    samples: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
-    given_up: int = 0
-    """Number of lost samples that are not queried, since they exceed any writer's cache."""
-    first_counted: int = 0
-    """Sequence number before which missing samples, perhaps older than the reader, are not lost."""
-
-
-class EventRecovery:
-    """Delivers the samples of one reader in the order of each writer, without gaps where possible."""
-
-    def __init__(
-        self,
-        bus: Participant,
-        session: zenoh.Session,
-        hand_on: Callable[[zenoh.Sample], None],
-        lose: Callable[[int], None],
-    ) -> None:
-        """Create an orderer without samples. Call this in the loop.
-
-        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the
-        number of lost ones.
-        """
-        self._bus = bus
-        self._session = session
-        self._hand_on = hand_on
-        self._lose = lose
-        self._loop = asyncio.get_running_loop()
-        self._lock = threading.Lock()
-        self._last: collections.OrderedDict[Writer, int] = collections.OrderedDict()
-        self._gaps: dict[Writer, _Gap] = {}
-        self._has_evicted = False
-
-    def close(self) -> None:
-        """Discard waiting samples and stop querying."""
-        with self._lock:
-            self._gaps.clear()
-
-    def on_sample(self, sample: zenoh.Sample) -> None:
-        """Add samples that arrived, in order per writer. Any thread."""
-        source = sample.source_info
-        if source is None:
-            self._hand_on(sample)
-            return
-        writer = (str(source.source_id.zid), source.source_id.eid)
-        number = source.source_sn
-        with self._lock:
-            # The last number of each writer. The one that is silent longest is evicted, which bounds memory.
-            last = self._last.pop(writer, None)
-            self._last[writer] = number if last is None else max(last, number)
-            if len(self._last) > MAX_WRITERS:
-                self._last.popitem(last=False)
-                self._has_evicted = True  # a writer that seems new may have been evicted
-            gap = self._gaps.get(writer)
-            may_ask = gap is not None or len(self._gaps) < MAX_GAPS
-            seems_new = last is None and not self._has_evicted
-            is_first = seems_new and may_ask
-            if is_first:
-                last = -1
-
-            # Samples are missing between the last one and this: query them, or count them as lost
-            if last is not None and number > last + 1:
-                if may_ask:
-                    if gap is None:
-                        zid, eid = writer
-                        gap = _Gap(f"{sample.key_expr}/@adv/pub/{zid}/{eid}/**")
-                        self._gaps[writer] = gap
-                        self._start_query(writer, gap)
-                    first = max(last + 1, number - EVENT_CAPACITY)
-                    if is_first:
-                        gap.first_counted = number
-                    else:
-                        gap.given_up += first - last - 1
-                    gap.wanted.update(range(first, number))
-                else:
-                    self._lose(number - last - 1)
-
-            # Later samples wait for the missing ones, which keeps the writer's order
-            if gap is None:
-                self._hand_on(sample)
-                return
-            gap.samples[number] = sample
-            if len(gap.samples) >= EVENT_CAPACITY:
-                self._close_gap(writer, gap)
-
-    def _start_query(self, writer: Writer, gap: _Gap) -> None:
-        def spawn_query() -> None:
-            if self._bus.is_closed:
-                return
-            querying = self._query_missing(writer, gap)
-            self._bus.spawn(querying, f"asking for {gap.about}")
-
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(spawn_query)
-
-    async def _query_missing(self, writer: Writer, gap: _Gap) -> None:
-        for attempt, wait_s in enumerate(WAITS_S, 1):
-            await asyncio.sleep(wait_s)
-            with self._lock:
-                if self._gaps.get(writer) is not gap:
-                    return
-                missing = gap.wanted - gap.samples.keys()
-            if not missing:  # they arrived late without a query
-                break
-            # One sample more than the missing ones: it comes last and shows that the answer is complete.
-            first = min(missing)
-            beyond = max(missing) + 1
-            selector = f"{gap.about}?_sn={first}..{beyond}"
-            samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
-            answers = _by_number(samples)
-            with self._lock:
-                for number, sample in answers.items():
-                    if number in missing:
-                        gap.samples[number] = sample
-                has_sent_all = beyond in answers and beyond > max(gap.wanted)
-                if attempt == MAX_OF_FIRST:
-                    # samples from before the reader were queried often enough
-                    gap.wanted = {number for number in gap.wanted if number > gap.first_counted}
-                if has_sent_all or gap.wanted <= gap.samples.keys():
-                    break
-        with self._lock:
-            if self._gaps.get(writer) is gap:
-                self._close_gap(writer, gap)
-
-    def _close_gap(self, writer: Writer, gap: _Gap) -> None:
-        del self._gaps[writer]
-        for number in sorted(gap.samples):
-            self._hand_on(gap.samples[number])
-        missing = gap.wanted - gap.samples.keys()
-        lost = gap.given_up + sum(number > gap.first_counted for number in missing)
-        if lost:
-            self._lose(lost)
-
-
-def _by_number(samples: Iterable[zenoh.Sample]) -> dict[int, zenoh.Sample]:
-    """Return `samples` by their sequence numbers, without those that have none."""
-    numbered: dict[int, zenoh.Sample] = {}
-    for sample in samples:
-        if sample.source_info is not None:
-            numbered[sample.source_info.source_sn] = sample
-    return numbered
 
 
 class NameAllowlist:
@@ -284,11 +121,12 @@ class NameLimiter:
 class EncodedMessage:
     """A payload from another process, decoded for all its readers in this one. Used in the loop."""
 
-    __slots__ = ("_failure", "_kind", "_message", "_sample")
+    __slots__ = ("_failure", "_kind", "_message", "_name", "_sample")
 
-    def __init__(self, kind: type[Message], sample: zenoh.Sample) -> None:
+    def __init__(self, kind: type[Message], sample: zenoh.Sample, name: str) -> None:
         self._kind = kind
         self._sample = sample
+        self._name = name
         self._message: Message | None = None
         self._failure = ""
 
@@ -322,6 +160,7 @@ class EncodedMessage:
         if message is None:
             try:
                 message = decoded(self._kind, self._sample.payload, self._sample.encoding)
+                check_writer(message, self._name)
                 self._message = message
             except Exception as error:
                 failure = str(error)
@@ -352,7 +191,7 @@ class _SampleInput(ABC):
             for mailbox in mailboxes:
                 mailbox.count_invalid(error)
             return
-        encoded = EncodedMessage(self._kind, sample)
+        encoded = EncodedMessage(self._kind, sample, name)
         for mailbox in mailboxes:
             mailbox.offer(name, encoded)
 
@@ -373,7 +212,7 @@ class SharedSubscriber(_SampleInput):
 
 
 class _RetainedInput(_SampleInput):
-    """Input of one reader of states or events, which fetches its own history first."""
+    """Input of one reader of states or events, which fetches what its writers have cached."""
 
     def __init__(
         self,
@@ -384,19 +223,38 @@ class _RetainedInput(_SampleInput):
         mailbox: Mailbox,
         *,
         allowlist: NameAllowlist,
+        sources: CopiedSources,
     ) -> None:
         super().__init__(topic, allowlist)
         self.mailboxes = (mailbox,)
         self._began = session.new_timestamp()
-        is_event = topic.delivery is Delivery.EVENT
-        self._recovery = EventRecovery(bus, session, self._on_event, mailbox.count_lost) if is_event else None
-        on_sample = self.on_sample if self._recovery is None else self._recovery.on_sample
-        self._subscriber = declare_caching_subscriber(session, key, on_sample, history=0 if is_event else 1)
+        self._sources = sources
+        self._recovery: EventRecovery | StateRecovery
+        on_writer: Callable[[zenoh.Sample], None] | None = None
+        max_bytes = topic.message.max_bytes
+        if topic.delivery is Delivery.EVENT:
+            self._recovery = EventRecovery(
+                bus, session, self._on_event, mailbox.count_lost, max_bytes=max_bytes
+            )
+        else:
+            max_names = max_names_for(topic.placeholder)
+            states = StateRecovery(bus, session, self.on_sample, max_bytes=max_bytes, max_names=max_names)
+            on_writer = states.on_writer
+            self._recovery = states
+        self._declared = declare_retained_subscribers(
+            session, key, self._on_input, self._recovery.on_heartbeat, on_writer
+        )
+        if isinstance(self._recovery, StateRecovery):
+            self._recovery.fetch_all(key)
 
     def undeclare(self) -> None:
-        self._subscriber.undeclare()
-        if self._recovery is not None:
-            self._recovery.close()
+        for declared in self._declared:
+            declared.undeclare()
+        self._recovery.close()
+
+    def _on_input(self, sample: zenoh.Sample) -> None:
+        if not self._sources.is_own(sample):
+            self._recovery.on_sample(sample)
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         # Zenoh fetches the whole cache of a new writer. A button press of a minute ago must not count now.
@@ -420,6 +278,7 @@ class ZenohSubscription(MailboxSubscription):
         *,
         inputs: dict[str, SharedSubscriber],
         allowlist: NameAllowlist,
+        sources: CopiedSources,
     ) -> None:
         """Fill `mailbox`. `inputs` are by key, `allowlist` has the names that are always accepted."""
         super().__init__(bus, topic, mailbox, name)
@@ -427,7 +286,9 @@ class ZenohSubscription(MailboxSubscription):
         self._inputs = inputs
         self._input: SharedSubscriber | _RetainedInput
         if topic.delivery is not Delivery.LATEST:
-            self._input = _RetainedInput(bus, session, topic, self._key, mailbox, allowlist=allowlist)
+            self._input = _RetainedInput(
+                bus, session, topic, self._key, mailbox, allowlist=allowlist, sources=sources
+            )
             return
         shared = inputs.get(self._key)
         if shared is None:
@@ -533,14 +394,20 @@ class RetainedStateFetcher:
         items = list(pending.items())
         for first in range(0, len(items), AT_ONCE):
             batch = items[first : first + AT_ONCE]
-            queries = (query_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
-            answers = await asyncio.gather(*queries)
+            answers = await asyncio.gather(*(self._query(key, topic) for key, topic in batch))
             for (key, topic), samples in zip(batch, answers, strict=True):
                 if samples:
                     self._deliver_samples(topic, samples)
                 else:
                     unanswered[key] = topic
         return unanswered
+
+    async def _query(self, key: str, topic: AnyTopic) -> list[zenoh.Sample]:
+        """Return what keepers have of `key`, of each name one state by each keeper."""
+        limit = ReplyLimit(
+            MAX_KEEPERS * max_names_for(topic.placeholder), topic.message.max_bytes, max_of_key=MAX_KEEPERS
+        )
+        return await query_samples(self._session, key, timeout_s=TIMEOUT_S, limit=limit)
 
     def _deliver_samples(self, topic: AnyTopic, samples: Sequence[zenoh.Sample]) -> None:
         mailboxes: list[tuple[str, Mailbox]] = []
@@ -551,6 +418,7 @@ class RetainedStateFetcher:
             try:
                 name = name_from_key(topic, str(sample.key_expr))
                 message = decoded(topic.message, sample.payload, sample.encoding)
+                check_writer(message, name)
             except SchemaError as error:
                 for _, mailbox in mailboxes:
                     mailbox.count_invalid(error)

@@ -51,14 +51,24 @@ from pointit.runtime.zenoh.declarations import (
     name_from_key,
 )
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
-from pointit.runtime.zenoh.queries import MAX_WAITING, OverflowCounter, QueuedQueryable, query_replies, refuse
+from pointit.runtime.zenoh.queries import (
+    MAX_WAITING,
+    OverflowCounter,
+    QueuedQueryable,
+    ReplyLimit,
+    excess_replies,
+    query_replies,
+    refuse,
+)
 from pointit.runtime.zenoh.session import close_session, open_session
+from pointit.runtime.zenoh.sources import CopiedSources
 from pointit.runtime.zenoh.subscribers import (
     EncodedMessage,
     NameAllowlist,
     RetainedStateFetcher,
     SharedSubscriber,
     ZenohSubscription,
+    max_names_for,
     recall_for_others,
 )
 from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
@@ -91,6 +101,9 @@ EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
 
 RESTRICTED = "pointit.runtime.zenoh.restricted_bus:RestrictedBus"
 """Class of the bus of a process with credentials."""
+
+MAX_SERVERS = 16
+"""Maximum number of replies to one request. More than one server is a mistake, and the first reply counts."""
 
 LIST_S = 1.0
 """Timeout for listing the present names, s. It takes ms."""
@@ -222,7 +235,15 @@ async def send_query(
     for wait_s in (*EMPTY_RETRY_S, None):
         data = encode(query)
         encoding = encoding_of(type(query))
-        replies = await query_replies(session, key, payload=data, encoding=encoding, timeout=timeout_s)
+        replies = await query_replies(
+            session,
+            key,
+            limit=ReplyLimit(MAX_SERVERS, request.reply.max_bytes),
+            payload=data,
+            encoding=encoding,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+        )
         for reply in replies:
             if reply.ok is not None:
                 try:
@@ -252,6 +273,7 @@ class ZenohBus(MemoryBus):
         self._allowlist = NameAllowlist()
         self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
+        self._sources = CopiedSources(str(session.zid()))
         self._history_turn = asyncio.Lock()
         """Questions for past events go one by one: of several at once, routers of secured sites pass one."""
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
@@ -283,22 +305,30 @@ class ZenohBus(MemoryBus):
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """Return that the router is lost, or else that queries are rejected."""
+        """Return that the router is lost, or else what is refused of others."""
         if self._watch is not None:
             loss = self._watch.problem
             if loss:
                 subject = self._watch.where[:MAX_SUBJECT]
                 return (Problem(code=ROUTER_LOST, sentence=loss, subject=subject),)
-        rejected = self._turned_away.problem(time.monotonic())
-        return (Problem(code="rejected", sentence=rejected),) if rejected else ()
+        now_s = time.monotonic()
+        sentences = {
+            "rejected": self._turned_away.problem(now_s),
+            "excess-replies": excess_replies.problem(now_s),
+            "copied-source": self._sources.problem(now_s),
+        }
+        problems = [Problem(code=code, sentence=text) for code, text in sentences.items() if text]
+        return tuple(problems)
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
         self._check_open()
         if topic in ACCOUNTS and self._is_observer:
             return super().publisher(topic, name)
+        key = topic.at(name)
         if topic not in ACCOUNTS:
-            self._add_right("writes", topic.at(name))
+            self._add_right("writes", key)
+        self._sources.add_own_key(key)
         return ZenohPublisher(self, self.session, topic, name)
 
     def subscribe(
@@ -333,7 +363,14 @@ class ZenohBus(MemoryBus):
     def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, retained: bool) -> Subscription:
         self._add_right("reads", topic.at(name))
         subscription = ZenohSubscription(
-            self, self.session, topic, mailbox, name, inputs=self._inputs, allowlist=self._allowlist
+            self,
+            self.session,
+            topic,
+            mailbox,
+            name,
+            inputs=self._inputs,
+            allowlist=self._allowlist,
+            sources=self._sources,
         )
         if topic.delivery is Delivery.STATE and retained:
             if self._state_fetcher is None:
@@ -394,7 +431,8 @@ class ZenohBus(MemoryBus):
 
     async def list_present(self, presence: Presence) -> set[str]:
         """Return all names that are present now, here and elsewhere."""
-        tokens = await query_replies(self.session.liveliness(), presence.at(ANY), timeout=LIST_S)
+        limit = ReplyLimit(max_names_for(presence.placeholder), max_of_key=1)
+        tokens = await query_replies(self.session.liveliness(), presence.at(ANY), limit=limit, timeout=LIST_S)
         names = set[str]()
         for token in tokens:
             if token.ok is not None:

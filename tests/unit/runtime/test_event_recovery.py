@@ -10,9 +10,12 @@ import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.zenoh import subscribers
-from pointit.runtime.zenoh.subscribers import MAX_GAPS, MAX_WRITERS, EventRecovery
+from pointit.runtime.zenoh import event_recovery
+from pointit.runtime.zenoh.event_recovery import MAX_GAPS, MAX_SOURCES, EventRecovery
 from tests.support.bench import until
+
+KEY = "pointit/lab/selection/events"
+OTHER = "pointit/lab/users/guest/button"
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,12 @@ class Heard:
     """A sample, as far as it is looked at."""
 
     source_info: Source | None
-    key_expr: str = "pointit/lab/selection/events"
+    key_expr: str = KEY
+    payload: bytes = b""
+
+    @property
+    def err(self) -> None:
+        return None
 
     @property
     def kind(self) -> zenoh.SampleKind:
@@ -66,8 +74,10 @@ class Writer:
         if self.cut:
             self.cut -= 1
             answers = answers[: self.after]
+        path = selector.partition("/@adv/pub/")[2].split("/")
+        writer = Id(path[0], int(path[1]))
         for each in answers:
-            callback(Heard(Source(each)))
+            callback(Heard(Source(each, writer)))
         callback.drop()
 
 
@@ -78,14 +88,14 @@ class Reader:
     got: list[int]
     lost: list[int]
 
-    def hear(self, *numbers: int, of: Id = Id()) -> None:
+    def hear(self, *numbers: int, of: Id = Id(), key: str = KEY) -> None:
         for number in numbers:
-            self.arrears.on_sample(Heard(Source(number, of)))  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
+            self.arrears.on_sample(Heard(Source(number, of), key))  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
 
 
 @pytest.fixture
 async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
-    monkeypatch.setattr(subscribers, "WAITS_S", (0.0, *[0.001] * 5))
+    monkeypatch.setattr(event_recovery, "WAITS_S", (0.0, *[0.001] * 5))
     bus = MemoryBus(LocalBroker())
     writer = Writer()
     got = list[int]()
@@ -94,7 +104,7 @@ async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     def hand_on(sample: Any) -> None:
         got.append(-1 if sample.source_info is None else sample.source_info.source_sn)
 
-    reader = Reader(EventRecovery(bus, writer, hand_on, lost.append), writer, got, lost)  # pyrefly: ignore[bad-argument-type]  # Writer
+    reader = Reader(EventRecovery(bus, writer, hand_on, lost.append, max_bytes=9), writer, got, lost)  # pyrefly: ignore[bad-argument-type]  # Writer
     reader.hear(0)
     got.clear()
     yield reader
@@ -180,7 +190,7 @@ async def test_samples_that_come_late_by_themselves_close_their_gap(reader: Read
 
 
 async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subscribers, "WAITS_S", (60.0,))
+    monkeypatch.setattr(event_recovery, "WAITS_S", (60.0,))
     reader.hear(1, *range(3, 3 + EVENT_CAPACITY))
     assert reader.got == [1, *range(3, 3 + EVENT_CAPACITY)]
     assert reader.lost == [1]
@@ -214,13 +224,13 @@ async def test_gaps_beyond_the_limit_are_not_queried(reader: Reader) -> None:
 
 
 async def test_only_so_many_writers_are_remembered(reader: Reader) -> None:
-    for eid in range(100, 100 + MAX_WRITERS):
+    for eid in range(100, 100 + MAX_SOURCES):
         reader.hear(0, of=Id(eid=eid))
     reader.hear(9)
     assert reader.got[-1] == 9, "evicted, and not asked for what was handed on before"
-    reader.hear(9, of=Id(eid=99 + MAX_WRITERS))
+    reader.hear(9, of=Id(eid=99 + MAX_SOURCES))
     await asyncio.sleep(0)
-    assert len(reader.got) == MAX_WRITERS + 1
+    assert len(reader.got) == MAX_SOURCES + 1
 
 
 async def test_a_closed_reader_gets_nothing_more(reader: Reader) -> None:
@@ -230,3 +240,64 @@ async def test_a_closed_reader_gets_nothing_more(reader: Reader) -> None:
     await asyncio.sleep(0.05)
     assert reader.got == [1]
     assert not reader.writer.asked
+
+
+async def test_numbers_of_a_source_are_counted_for_each_key(reader: Reader) -> None:
+    reader.writer.kept = range(20)
+    reader.hear(2**31, key=OTHER)
+    reader.hear(1, 2)
+    assert reader.got == [1, 2]
+    reader.hear(5)
+    reader.hear(3, 4, key=OTHER)
+    assert reader.got == [1, 2], "the events of another key stand for none that is missing"
+    await until(lambda: len(reader.got) >= 5)
+    assert reader.got[:5] == [1, 2, 3, 4, 5]
+
+
+async def test_sources_of_another_key_evict_none_and_leave_queries_to_all(reader: Reader) -> None:
+    reader.writer.kept = range(20)
+    for eid in range(MAX_SOURCES + 1):
+        reader.hear(5000, of=Id("b2", eid), key=OTHER)
+    passed_on = len(reader.got)
+    reader.hear(0)
+    assert len(reader.got) == passed_on, "it is known, and was delivered before"
+    reader.hear(1, 4)
+    await until(lambda: [number for number in reader.got if number < 5000] == [1, 2, 3, 4])
+    assert not reader.lost
+
+
+async def test_event_that_waits_is_replaced_by_no_other(reader: Reader) -> None:
+    waiting = Heard(Source(3), payload=b"first")
+    handed_on: list[Any] = []
+    reader.arrears._hand_on = handed_on.append
+    reader.arrears.on_sample(waiting)  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
+    reader.arrears.on_sample(Heard(Source(3), payload=b"second"))  # pyrefly: ignore[bad-argument-type]  # as above
+    await until(lambda: bool(handed_on))
+    assert handed_on == [waiting]
+
+
+def heartbeat(number: int, key: str = KEY, of: Id = Id()) -> Any:
+    payload = number.to_bytes(4, "little")
+
+    class Payload(bytes):
+        def to_bytes(self) -> bytes:
+            return payload
+
+    return Heard(None, f"{key}/@adv/pub/{of.zid}/{of.eid}/_", Payload(payload))
+
+
+async def test_last_event_that_was_lost_is_queried_after_a_heartbeat(reader: Reader) -> None:
+    reader.writer.kept = range(20)
+    reader.arrears.on_heartbeat(heartbeat(0))
+    await asyncio.sleep(0)
+    assert not reader.writer.asked
+    reader.arrears.on_heartbeat(heartbeat(3))
+    await until(lambda: reader.got == [1, 2, 3])
+    reader.hear(3, 4)
+    assert reader.got == [1, 2, 3, 4]
+    reader.arrears.on_heartbeat(heartbeat(2**31, OTHER))
+    reader.hear(5)
+    assert reader.got[-1] == 5
+    for broken in (heartbeat(9, "x", Id(eid="a")), Heard(None, "x"), Heard(None, f"{KEY}/@adv/pub/a1/7/_")):  # pyrefly: ignore[bad-argument-type]  # no number
+        reader.arrears.on_heartbeat(broken)  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
+    assert not reader.lost

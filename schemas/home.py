@@ -90,6 +90,9 @@ class HomeSetup(Reply):
 
     version: ClassVar[int] = 2
 
+    max_bytes: ClassVar[int] = 1024 * 1024
+    """Room for some 4000 lamps with usual names."""
+
     step: HomeStep
     url: Annotated[str, Field(max_length=MAX_URL)] = ""
     has_token: bool = False

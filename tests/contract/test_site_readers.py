@@ -179,7 +179,7 @@ class Writer:
         messages: dict[Topic[Any], Message] = {
             CURSOR: Cursor(stamp_ns=now_ns),
             POSE: UserPose(stamp_ns=now_ns, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0),
-            HEALTH: Health(stamp_ns=now_ns, service="web", instance=name or "web", pid=1),
+            HEALTH: Health(stamp_ns=now_ns, service=name or "web", instance=name or "web", pid=1),
             OBJECTS: TrackedObjects(stamp_ns=now_ns, objects=()),
             SELECTION: Selection(stamp_ns=now_ns),
         }

@@ -38,6 +38,8 @@ DRAFT = "placing.yaml"
 """Map while lamps are pointed at: without things, so that none of them reacts."""
 SITE = "site.yaml"
 STATE = "setup.json"
+MAX_STATE_BYTES = 8 * 2**20
+"""Room for the ids of all lamps that can be offered, and for what is known of the chosen ones."""
 SIZE_M = 0.3
 """Size of a thing that was placed by pointing, m."""
 SECTIONS = ("home_assistant", "home-assistant")
@@ -67,7 +69,7 @@ class HomeFiles:
         self.site = folder / SITE
         self.token = folder / TOKEN_FILE
         self.password = folder / PASSWORD_FILE
-        self.state = StateFile[StoredSetup].at(folder / STATE, StoredSetup)
+        self.state = StateFile[StoredSetup].at(folder / STATE, StoredSetup, MAX_STATE_BYTES)
 
     def create(self) -> None:
         """Write the map and the parameters of a new home, unless they are there. Raises ConfigError."""

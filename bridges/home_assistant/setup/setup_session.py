@@ -19,6 +19,11 @@ from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHom
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_address import HomeAddress
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
+from pointit.bridges.home_assistant.setup.listed_lamps import (
+    fitting_lamps,
+    listable_entities,
+    unlisted_note,
+)
 from pointit.bridges.home_assistant.setup.lit_lights import NO_STATE, LitLights, LitLightsFile
 from pointit.bridges.home_assistant.setup.progress import AGAIN, ChosenLamp, End, SetupProgress
 from pointit.geometry import vector
@@ -244,7 +249,7 @@ class SetupSession:
     async def _offered_lamps(self) -> list[ChosenLamp]:
         """Return all lamps that can be chosen."""
         lamps: list[ChosenLamp] = []
-        for entity in self._entities:
+        for entity in listable_entities(self._entities):
             label = one_line(entity.name, MAX_ID)
             area = one_line(entity.area, MAX_ID)
             lamps.append(ChosenLamp(id=entity.entity, label=label, area=area))
@@ -295,7 +300,13 @@ class SetupSession:
         elif state.step == "choose" and self._connection is not None:
             advice = list(self._connection.refusals)
         has_token = await asyncio.to_thread(lambda: self.address.has_secret)
-        lamps = tuple(await self._shown_lamps())
+        all_lamps = await self._shown_lamps()
+        lamps = tuple(fitting_lamps(all_lamps))
+        unlisted_count = len(all_lamps) - len(lamps)
+        if state.step == "choose":
+            unlisted_count += len(self._entities) - len(listable_entities(self._entities))
+        if unlisted_count:
+            advice.insert(0, unlisted_note(unlisted_count))
 
         # From here on nothing waits: place, poses and pose are those of one moment.
         name = ""

@@ -27,6 +27,7 @@ OTHERS = 0o007
 VARIABLE = "POINTIT_STATE"
 """Names another state directory."""
 MAX_BYTES = 64 * 1024
+"""Maximum size of a state file, unless its owner says another."""
 
 _used: ContextVar[Path | None] = ContextVar("state directory", default=None)
 
@@ -260,13 +261,18 @@ class StateFile(Generic[T]):
         """
         check_name(user, "user")
         self._model = model
+        self._max_bytes = MAX_BYTES
         self.path = state_directory() / "users" / user / f"{purpose}.json"
 
     @classmethod
-    def at(cls, path: Path, model: type[T]) -> Self:
-        """Return the state file at `path` for a `model`, as for a plug-in's value. Opens no file yet."""
+    def at(cls, path: Path, model: type[T], max_bytes: int = MAX_BYTES) -> Self:
+        """Return the state file at `path` for a `model`, as for a plug-in's value. Opens no file yet.
+
+        A value that would have more than `max_bytes` is neither written nor read.
+        """
         file = cls.__new__(cls)
         file.path, file._model, file._remedy = path, model, "move it away"  # noqa: SLF001 - its own
+        file._max_bytes = max_bytes  # noqa: SLF001 - its own
         return file
 
     def read(self) -> T | None:
@@ -276,8 +282,8 @@ class StateFile(Generic[T]):
             ConfigError: If a value is stored, but cannot be read or used. Names the file.
         """
         try:
-            data = read_limited(self.path, MAX_BYTES + 1)
-            if len(data) > MAX_BYTES:
+            data = read_limited(self.path, self._max_bytes + 1)
+            if len(data) > self._max_bytes:
                 raise ConfigError(f"{self.path}: is too long to be ours; {self._remedy}")
             return self._model.model_validate_json(data)
         except FileNotFoundError:
@@ -290,9 +296,23 @@ class StateFile(Generic[T]):
         """Replace the stored value by `value`, atomically and readable by its owner only.
 
         Raises:
-            ConfigError: If it cannot be written. Names the file.
+            ConfigError: If it cannot be written, or could not be read again: the stored value stays then.
+                Names the file.
         """
-        write_atomically(self.path, (value.model_dump_json(indent=2) + "\n").encode())
+        content = (value.model_dump_json(indent=2) + "\n").encode()
+        if len(content) > self._max_bytes:
+            raise ConfigError(
+                f"{self.path}: would have {len(content)} bytes, and at most {self._max_bytes} are read; "
+                "it stays as it was"
+            )
+        try:
+            self._model.model_validate_json(content)
+        except ValidationError as error:
+            mistakes = summarize_validation_error(error)
+            raise ConfigError(
+                f"{self.path}: could not be read again; it stays as it was; {mistakes}"
+            ) from error
+        write_atomically(self.path, content)
 
     def erase(self) -> bool:
         """Erase the stored value. Return True if there was one.

@@ -8,7 +8,7 @@ from zenoh import ext
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.schemas import DecodeError, Message, Query, decode
+from pointit.schemas import DecodeError, Message, Query, Reply, SchemaError, decode, encode
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import Presence, Request, check_name
 
@@ -19,6 +19,15 @@ PRIORITY = zenoh.Priority.DATA_HIGH
 def encoding_of(kind: type[Message] | type[Query]) -> zenoh.Encoding:
     """Return the encoding with the name and the version of the message."""
     return zenoh.Encoding(MEDIA_TYPE).with_schema(kind.schema_name())
+
+
+def encoded(message: Message | Query | Reply) -> bytes:
+    """Return `message` as bytes that each reader takes. Raises `SchemaError` if it is too long."""
+    payload = encode(message)
+    if len(payload) > message.max_bytes:
+        name = type(message).__name__
+        raise SchemaError(f"{name}: would have {len(payload)} bytes, and readers take {message.max_bytes}")
+    return payload
 
 
 def decoded(kind: type[Any], payload: zenoh.ZBytes | None, encoding: zenoh.Encoding | None) -> Any:

@@ -25,6 +25,7 @@ from pointit.runtime.zenoh.declarations import (
     declare_retained_subscribers,
     declare_subscriber,
     decoded,
+    encoded,
     encoding_of,
     name_from_key,
 )
@@ -33,7 +34,7 @@ from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
 from pointit.runtime.zenoh.queries import OverflowCounter, QueuedQueryable, ReplyLimit, query_samples
 from pointit.runtime.zenoh.sources import CopiedSources
 from pointit.runtime.zenoh.state_recovery import StateRecovery
-from pointit.schemas import DecodeError, KeyNameError, Message, SchemaError, encode
+from pointit.schemas import DecodeError, KeyNameError, Message, SchemaError
 from pointit.schemas.topics import ANY, KEEPER_ALIVE, Delivery
 
 MAX_USERS = 256
@@ -317,7 +318,7 @@ def recall_for_others(
             for name, message in recall(topic):
                 key = topic.at(name)
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, encode(message), encoding=encoding_of(topic.message))
+                    query.reply(key, encoded(message), encoding=encoding_of(topic.message))
                 yield
 
     # One each: many queries for one topic do not delay those for another

@@ -8,6 +8,7 @@ model itself.
 import asyncio
 import contextlib
 import functools
+import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
@@ -47,6 +48,7 @@ from pointit.runtime.zenoh.declarations import (
     check_size,
     declare_publisher,
     decoded,
+    encoded,
     encoding_of,
     name_from_key,
 )
@@ -71,7 +73,7 @@ from pointit.runtime.zenoh.subscribers import (
     max_names_for,
     recall_for_others,
 )
-from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
+from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError
 from pointit.schemas.problems import MAX_SUBJECT, ROUTER_LOST, Problem
 from pointit.schemas.table_types import NAME, PresenceHandler
 from pointit.schemas.text import one_line
@@ -86,6 +88,8 @@ from pointit.schemas.topics import (
     Request,
     Topic,
 )
+
+log = logging.getLogger(__name__)
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -126,7 +130,7 @@ class _LatestWriter:
         if matching is not None:
             self._has_readers = matching.matching
         if self._has_readers:
-            self._publisher.put(encode(message))
+            self._publisher.put(encoded(message))
 
     def undeclare(self) -> None:
         self._listener.undeclare()
@@ -149,7 +153,7 @@ class _RetainedWriter:
         )
 
     def put(self, message: Message) -> None:
-        self._publisher.put(encode(message))
+        self._publisher.put(encoded(message))
 
     def undeclare(self) -> None:
         self._publisher.undeclare()
@@ -158,7 +162,15 @@ class _RetainedWriter:
 class ZenohPublisher(MemoryPublisher[M]):
     """Delivers messages to readers of this process, and their bytes through Zenoh to others."""
 
-    def __init__(self, bus: Participant, session: zenoh.Session, topic: Topic[M], name: str) -> None:
+    def __init__(
+        self,
+        bus: Participant,
+        session: zenoh.Session,
+        topic: Topic[M],
+        name: str,
+        *,
+        too_long: dict[str, str],
+    ) -> None:
         key = topic.at(name)
         self._writer: _LatestWriter | _RetainedWriter
         if topic.delivery is Delivery.LATEST:
@@ -166,7 +178,20 @@ class ZenohPublisher(MemoryPublisher[M]):
         else:
             self._writer = _RetainedWriter(session, topic, key)
         self._retires = False
-        super().__init__(bus, topic, name, self._writer.put)
+        self._key = key
+        self._too_long = too_long
+        super().__init__(bus, topic, name, self._send_to_others)
+
+    def _send_to_others(self, message: Message) -> None:
+        """Send a message that readers take. Of another one, its sentence is in `too_long` until the next."""
+        try:
+            self._writer.put(message)
+        except SchemaError as error:
+            if self._key not in self._too_long:
+                log.warning("%s is not sent: %s", self._key, error)
+            self._too_long[self._key] = str(error)
+            return
+        self._too_long.pop(self._key, None)
 
     def close_nowait(self) -> None:
         """Stop writing. Other processes see the writer until the bus closes, or a moment longer."""
@@ -218,8 +243,12 @@ def _reply(request: Request[Q, R], query: zenoh.Query, answer: asyncio.Task[R]) 
     elif error := answer.exception():
         refuse(query, str(error))
     else:
+        try:
+            payload = encoded(answer.result())
+        except SchemaError as problem:
+            refuse(query, f"{request.server} cannot answer {request.key}: {problem}")
+            return
         with query:
-            payload = encode(answer.result())
             query.reply(str(query.key_expr), payload, encoding=encoding_of(request.reply))
 
 
@@ -231,9 +260,13 @@ async def send_query(
     Raises:
         RequestError: as `Bus.call`.
     """
+    try:
+        data = encoded(query)
+    except SchemaError as error:
+        raise RequestError(f"{key} cannot be asked: {error}") from error
+
     # A server that is starting is not known everywhere yet: without an answer, ask again
     for wait_s in (*EMPTY_RETRY_S, None):
-        data = encode(query)
         encoding = encoding_of(type(query))
         replies = await query_replies(
             session,
@@ -274,6 +307,8 @@ class ZenohBus(MemoryBus):
         self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
         self._sources = CopiedSources(str(session.zid()))
+        self._too_long: dict[str, str] = {}
+        """Sentence on the last message of a key, if it was too long to be sent."""
         self._history_turn = asyncio.Lock()
         """Questions for past events go one by one: of several at once, routers of secured sites pass one."""
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
@@ -318,6 +353,9 @@ class ZenohBus(MemoryBus):
             "copied-source": self._sources.problem(now_s),
         }
         problems = [Problem(code=code, sentence=text) for code, text in sentences.items() if text]
+        for key, text in self._too_long.items():
+            sentence = f"{key} is not sent: {text}; readers have what was sent before"
+            problems.append(Problem(code="too-long", sentence=sentence, subject=key[:MAX_SUBJECT]))
         return tuple(problems)
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
@@ -329,7 +367,7 @@ class ZenohBus(MemoryBus):
         if topic not in ACCOUNTS:
             self._add_right("writes", key)
         self._sources.add_own_key(key)
-        return ZenohPublisher(self, self.session, topic, name)
+        return ZenohPublisher(self, self.session, topic, name, too_long=self._too_long)
 
     def subscribe(
         self,

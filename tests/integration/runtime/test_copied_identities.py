@@ -13,11 +13,23 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
+from pointit.runtime.errors import RefusedError
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.queries import MAX_REPLY_BYTES, ReplyLimit, excess_replies, query_replies
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ButtonEvent, Configuration, Health, Message, ServedRequest, UserPose, encode
-from pointit.schemas.topics import BUTTON, CONFIGURATION, HEALTH, POSE, SERVED, Topic
+from pointit.schemas import (
+    ButtonEvent,
+    Configuration,
+    Health,
+    HomeSetup,
+    Message,
+    ServedRequest,
+    SetUpHome,
+    UserPose,
+    encode,
+)
+from pointit.schemas.home import HomeLamp
+from pointit.schemas.topics import BUTTON, CONFIGURATION, HEALTH, POSE, SERVED, SET_UP_HOME, Topic
 from tests.support.bench import until
 from tests.support.sinks import Sink
 
@@ -96,7 +108,7 @@ async def test_who_copies_the_source_of_a_process_is_named_by_it(
     assert stated is not None
     await put_as(stranger, BUTTON.at("guest"), press(1), stated)
     await until(lambda: sink.of("guest") == [1])
-    (problem,) = bus.problems
+    (problem,) = [problem for problem in bus.problems if problem.code == "copied-source"]
     assert "the writer of users/guest/button states the source id of this process" in problem.sentence
 
 
@@ -183,3 +195,35 @@ async def test_endless_answers_end_with_those_that_were_asked_for(
     count = 0
     assert await ask(ReplyLimit(EVENT_CAPACITY, MAX_REPLY_BYTES, max_of_key=4)) == 4
     queryable.undeclare()
+
+
+async def test_answer_that_is_too_long_is_refused_with_its_size(bus: ZenohBus, endpoint: str) -> None:
+    """Home with many lamps, whose page is a process of its own."""
+    count = 200
+
+    async def answer(_query: SetUpHome, _name: str) -> HomeSetup:
+        lamps = [HomeLamp(id=f"light.{number}", label="Lamp in the living room") for number in range(count)]
+        return HomeSetup(step="choose", lamps=tuple(lamps))
+
+    bus.serve(SET_UP_HOME, answer)
+    page = await ZenohBus.open(Link(connect=(endpoint,)))
+    assert len((await page.call(SET_UP_HOME, SetUpHome())).lamps) == 200
+    count = 20_000
+    with pytest.raises(RefusedError, match=f"would have .* bytes, and readers take {HomeSetup.max_bytes}"):
+        await page.call(SET_UP_HOME, SetUpHome())
+    await page.close()
+
+
+async def test_state_that_is_too_long_is_reported_and_not_sent(bus: ZenohBus, endpoint: str) -> None:
+    reader = await ZenohBus.open(Link(connect=(endpoint,)))
+    sink = Sink()
+    reader.subscribe(CONFIGURATION, sink)
+    publisher = bus.publisher(CONFIGURATION, "pui")
+    stated = Configuration(stamp_ns=1, service="pui", instance="pui")
+    publisher.put(stated.model_copy(update={"parameters": "x" * Configuration.max_bytes, "seq": 1}))
+    (problem,) = [problem for problem in bus.problems if problem.code == "too-long"]
+    assert problem.sentence.startswith("configuration/pui is not sent: Configuration: would have ")
+    publisher.put(stated.model_copy(update={"seq": 2}))
+    await until(lambda: sink.of("pui") == [2])
+    assert all(problem.code != "too-long" for problem in bus.problems)
+    await reader.close()

@@ -228,7 +228,7 @@ def test_section_without_parameters_is_replaced(text: str) -> None:
     [
         b"things:\n  a: {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n",
         b"things: {\n  a: {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n}\n",
-        b"things:  # mine\n\n  # margin\n  a:\n    {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n",
+        b"things:  # mine\n\n  # a\n  a:\n   {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}\n",
         b'"things": {a: {home_assistant: light.a, center: [3, 0, 1], size: [1, 1, 1]}}\n',
         b"things: {}\n",
     ],

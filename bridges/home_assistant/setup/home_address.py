@@ -168,7 +168,14 @@ def _config_with(config: HomeAssistantConfig, url: str, secret: Path) -> HomeAss
     values = broker.model_dump(include={"broker", "tls", "username"})
     has_password = bool(broker.username) and secret.exists()
     values["password_file"] = str(secret) if has_password else ""
-    return config.model_copy(update={"url": "", "token_file": "", **values})
+    changed = config.model_copy(update={"url": "", "token_file": "", **values})
+
+    # The password in the environment is for a broker that the run's own parameters have without a file. Those
+    # that a card has written name one.
+    is_own = (broker.broker, broker.tls, broker.username) == (config.broker, config.tls, config.username)
+    if is_own and not config.password_file:
+        return changed
+    return changed.without_variable()
 
 
 def _checked_url(text: str) -> str:

@@ -77,6 +77,8 @@ MAX_TOPIC = 100
 """Characters of an invalid topic that are logged."""
 END_S = 0.3
 """Maximum time to take leave, s."""
+MAX_PACKET_BYTES = 1024 * 1024
+"""Maximum length of a packet that is read. Lamps, robots and sensors send some kB."""
 QUEUED_MESSAGES = 1000
 """Maximum number of unread messages."""
 _paho_log = logging.getLogger("pointit.paho")
@@ -245,7 +247,9 @@ def client_options(config: BrokerConfig) -> dict[str, Any]:
         ConfigError: If a file cannot be read.
     """
     host, port = config.address()
-    password = os.environ.get(PASSWORD) if config.username else None
+    password: str | None = None
+    if config.username and config.uses_variable:
+        password = os.environ.get(PASSWORD)
     try:
         if config.password_file:
             content = read_secret(Path(config.password_file), MAX_PASSWORD_BYTES + 1)
@@ -319,6 +323,7 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
     protocol = aiomqtt.ProtocolVersion.V5 if has_version_5 else aiomqtt.ProtocolVersion.V311
     client = aiomqtt.Client(
         **options,
+        properties=_connect_properties() if has_version_5 else None,
         protocol=protocol,
         timeout=CONNECT_TIMEOUT_S,
         keepalive=15,
@@ -328,6 +333,7 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
     paho: Any = client._client  # noqa: SLF001  # aiomqtt has no other way
     ignore_closed_sockets(client)
     _skip_invalid_topics(paho)
+    _limit_packets(paho)
     connection = BrokerClient(client, options.get("username") or "", session_hint)
     opening = asyncio.ensure_future(client.__aenter__())
     try:
@@ -345,6 +351,39 @@ async def connected(options: dict[str, Any]) -> AsyncGenerator[BrokerClient]:
                 await opening
                 await client.__aexit__(None, None, None)
         paho._sock_close()  # noqa: SLF001 - aiomqtt leaves it open if an exception ended the connection
+
+
+def _connect_properties() -> Any:
+    """Return the properties by which a broker of MQTT 5 sends no packet that is not read."""
+    from paho.mqtt.packettypes import PacketTypes  # noqa: PLC0415 - an extra
+    from paho.mqtt.properties import Properties  # noqa: PLC0415 - an extra
+
+    properties: Any = Properties(PacketTypes.CONNECT)
+    properties.MaximumPacketSize = MAX_PACKET_BYTES
+    return properties
+
+
+def _limit_packets(paho: Any) -> None:
+    """End the connection before a packet is read that is too long: brokers of MQTT 3.1.1 send any.
+
+    A packet says its length first, and paho then asks for as many bytes as are missing.
+    """
+    receive = paho._sock_recv  # noqa: SLF001 - paho has no limit of its own
+
+    def receive_limited(size: int) -> bytes:
+        if size > MAX_PACKET_BYTES:
+            megabytes = size / 2**20
+            log.warning(
+                "the broker sends a message of %.0f MB, more than %d are not read, and the connection ends: "
+                "find and remove it there",
+                megabytes,
+                MAX_PACKET_BYTES >> 20,
+            )
+            raise ConnectionAbortedError(f"a message has {megabytes:.0f} MB")
+        received: bytes = receive(size)
+        return received
+
+    paho._sock_recv = receive_limited  # noqa: SLF001 - as above
 
 
 def ignore_closed_sockets(client: Any) -> None:

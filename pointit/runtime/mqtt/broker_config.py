@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Self, cast
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from pointit.runtime.address_config import (
     MissingInterfaceError,
@@ -38,6 +38,23 @@ class BrokerConfig(Config):
     password_file: str = Field(
         default="", description="file with the password; the variable MQTT_PASSWORD has it if empty"
     )
+
+    _uses_variable: bool = PrivateAttr(default=True)
+
+    @property
+    def uses_variable(self) -> bool:
+        """Return True if the variable MQTT_PASSWORD is for this broker.
+
+        It is for those that the person who started the process has named, not for one that came since by a
+        message of the site.
+        """
+        return self._uses_variable
+
+    def without_variable(self) -> Self:
+        """Return a copy whose broker is never sent the variable MQTT_PASSWORD."""
+        copy = self.model_copy()
+        copy._uses_variable = False  # noqa: SLF001 - its own
+        return copy
 
     @model_validator(mode="before")
     @classmethod

@@ -21,7 +21,7 @@ import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.memory_bus import Participant
-from pointit.runtime.zenoh.queries import ReplyLimit, query_samples
+from pointit.runtime.zenoh.queries import ExcessReplies, ReplyLimit, query_samples
 
 Source = tuple[str, str]
 """Session id, and number of the writer in the session, as the writer states them."""
@@ -86,12 +86,15 @@ class EventRecovery:
         lose: Callable[[int], None],
         *,
         max_bytes: int,
+        excess: ExcessReplies | None = None,
     ) -> None:
         """Create an orderer without samples. Call this in the loop.
 
         `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the
-        number of lost ones. `max_bytes`: maximum length of a sample.
+        number of lost ones. `max_bytes`: maximum length of a sample. `excess` counts answers that were not
+        asked for.
         """
+        self._excess = excess
         self._max_bytes = max_bytes
         self._bus = bus
         self._session = session
@@ -215,6 +218,7 @@ class EventRecovery:
                 selector,
                 timeout_s=TIMEOUT_S,
                 limit=ReplyLimit(beyond - first + 1, self._max_bytes),
+                excess=self._excess,
                 under_any_key=True,
             )
             answers = _by_number(samples, key, source)

@@ -51,7 +51,7 @@ class ReplyLimit:
 
 
 class ExcessReplies:
-    """Counts replies that nobody has asked for, of all queries of this process, from any thread."""
+    """Counts replies that nobody has asked for, of all queries of a session, from any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -84,16 +84,15 @@ class ExcessReplies:
             )
 
 
-excess_replies = ExcessReplies()
-"""Those of this process."""
-
-
 class _RepliesOfQuery:
     """Replies to one query, up to its limit. Called on Zenoh's threads."""
 
-    def __init__(self, selector: str, limit: ReplyLimit, end: Callable[[], None]) -> None:
+    def __init__(
+        self, selector: str, limit: ReplyLimit, excess: ExcessReplies, end: Callable[[], None]
+    ) -> None:
         """Begin without replies. `end` is called once there are too many."""
         self.replies: list[zenoh.Reply] = []
+        self._excess = excess
         self._selector = selector
         self._limit = limit
         self._end = end
@@ -118,18 +117,23 @@ class _RepliesOfQuery:
             self._by_key[key] += 1
             self.replies.append(reply)
             return
-        excess_replies.add(self._selector, key or self._selector, time.monotonic())
+        self._excess.add(self._selector, key or self._selector, time.monotonic())
         if not has_room:
             self._end()
 
 
 async def query_replies(
-    session: zenoh.Session | zenoh.Liveliness, selector: str, *, limit: ReplyLimit, **arguments: Any
+    session: zenoh.Session | zenoh.Liveliness,
+    selector: str,
+    *,
+    limit: ReplyLimit,
+    excess: ExcessReplies | None = None,
+    **arguments: Any,
 ) -> list[zenoh.Reply]:
     """Return the answers of other sessions in order of arrival. A cancelled task waits for no further answer.
 
-    Replies beyond `limit` are not kept. `session`: a session, or its `liveliness()` for tokens. `arguments`:
-    further arguments of its `get`.
+    Replies beyond `limit` are not kept, and are counted in `excess`. `session`: a session, or its
+    `liveliness()` for tokens. `arguments`: further arguments of its `get`.
     """
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
@@ -144,7 +148,7 @@ async def query_replies(
         end()
 
     token = zenoh.CancellationToken()
-    received = _RepliesOfQuery(selector, limit, end)
+    received = _RepliesOfQuery(selector, limit, excess or ExcessReplies(), end)
     on_reply = Callback(received.add, complete, indirect=False)
     session.get(selector, on_reply, cancellation_token=token, **arguments)
     try:
@@ -157,7 +161,13 @@ async def query_replies(
 
 
 async def query_samples(
-    session: zenoh.Session, selector: str, *, timeout_s: float, limit: ReplyLimit, under_any_key: bool = False
+    session: zenoh.Session,
+    selector: str,
+    *,
+    timeout_s: float,
+    limit: ReplyLimit,
+    excess: ExcessReplies | None = None,
+    under_any_key: bool = False,
 ) -> list[zenoh.Sample]:
     """Return the samples of all answers in order of arrival, or none if Zenoh cannot send the query.
 
@@ -170,6 +180,7 @@ async def query_samples(
             session,
             selector,
             limit=limit,
+            excess=excess,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,

@@ -10,9 +10,11 @@ import logging
 import math
 import threading
 import time
+from dataclasses import dataclass
 
 import zenoh
 
+from pointit.runtime.zenoh.queries import ExcessReplies
 from pointit.schemas.text import one_line
 
 log = logging.getLogger(__name__)
@@ -87,6 +89,14 @@ class CopiedSources:
                 return
             self._logged_s = now_s
         log.warning("%s", sentence)
+
+
+@dataclass(frozen=True)
+class SenderChecks:
+    """What readers of a session notice about senders."""
+
+    sources: CopiedSources
+    excess: ExcessReplies
 
 
 def _shown(key: str) -> str:

@@ -14,7 +14,7 @@ import zenoh
 
 from pointit.runtime.bus.memory_bus import Participant
 from pointit.runtime.zenoh.event_recovery import MAX_KEYS, MAX_SOURCES, TIMEOUT_S, Source, parse_heartbeat
-from pointit.runtime.zenoh.queries import ReplyLimit, query_samples
+from pointit.runtime.zenoh.queries import ExcessReplies, ReplyLimit, query_samples
 
 MAX_QUERIED = 32
 """Maximum number of sources of one key that are queried at a time. The others wait for a heartbeat."""
@@ -35,12 +35,15 @@ class StateRecovery:
         *,
         max_bytes: int,
         max_names: int,
+        excess: ExcessReplies | None = None,
     ) -> None:
         """Begin without states. Call this in the loop.
 
         `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `max_bytes`: maximum
-        length of a sample. `max_names`: maximum number of names in keys of the reader.
+        length of a sample. `max_names`: maximum number of names in keys of the reader. `excess` counts
+        answers that were not asked for.
         """
+        self._excess = excess
         self._bus = bus
         self._session = session
         self._hand_on = hand_on
@@ -146,7 +149,12 @@ class StateRecovery:
         for wait_s in (0.0, *WAITS_S):
             await asyncio.sleep(wait_s)
             samples = await query_samples(
-                self._session, selector, timeout_s=TIMEOUT_S, limit=limit, under_any_key=True
+                self._session,
+                selector,
+                timeout_s=TIMEOUT_S,
+                limit=limit,
+                excess=self._excess,
+                under_any_key=True,
             )
             if self._is_closed:
                 return

@@ -31,8 +31,14 @@ from pointit.runtime.zenoh.declarations import (
 )
 from pointit.runtime.zenoh.event_recovery import TIMEOUT_S, EventRecovery
 from pointit.runtime.zenoh.liveliness import LivelinessSubscriber
-from pointit.runtime.zenoh.queries import OverflowCounter, QueuedQueryable, ReplyLimit, query_samples
-from pointit.runtime.zenoh.sources import CopiedSources
+from pointit.runtime.zenoh.queries import (
+    ExcessReplies,
+    OverflowCounter,
+    QueuedQueryable,
+    ReplyLimit,
+    query_samples,
+)
+from pointit.runtime.zenoh.sources import SenderChecks
 from pointit.runtime.zenoh.state_recovery import StateRecovery
 from pointit.schemas import DecodeError, KeyNameError, Message, SchemaError
 from pointit.schemas.topics import ANY, KEEPER_ALIVE, Delivery
@@ -224,22 +230,29 @@ class _RetainedInput(_SampleInput):
         mailbox: Mailbox,
         *,
         allowlist: NameAllowlist,
-        sources: CopiedSources,
+        checks: SenderChecks,
     ) -> None:
         super().__init__(topic, allowlist)
         self.mailboxes = (mailbox,)
         self._began = session.new_timestamp()
-        self._sources = sources
+        self._sources = checks.sources
         self._recovery: EventRecovery | StateRecovery
         on_writer: Callable[[zenoh.Sample], None] | None = None
         max_bytes = topic.message.max_bytes
         if topic.delivery is Delivery.EVENT:
             self._recovery = EventRecovery(
-                bus, session, self._on_event, mailbox.count_lost, max_bytes=max_bytes
+                bus, session, self._on_event, mailbox.count_lost, max_bytes=max_bytes, excess=checks.excess
             )
         else:
             max_names = max_names_for(topic.placeholder)
-            states = StateRecovery(bus, session, self.on_sample, max_bytes=max_bytes, max_names=max_names)
+            states = StateRecovery(
+                bus,
+                session,
+                self.on_sample,
+                max_bytes=max_bytes,
+                max_names=max_names,
+                excess=checks.excess,
+            )
             on_writer = states.on_writer
             self._recovery = states
         self._declared = declare_retained_subscribers(
@@ -279,7 +292,7 @@ class ZenohSubscription(MailboxSubscription):
         *,
         inputs: dict[str, SharedSubscriber],
         allowlist: NameAllowlist,
-        sources: CopiedSources,
+        checks: SenderChecks,
     ) -> None:
         """Fill `mailbox`. `inputs` are by key, `allowlist` has the names that are always accepted."""
         super().__init__(bus, topic, mailbox, name)
@@ -288,7 +301,7 @@ class ZenohSubscription(MailboxSubscription):
         self._input: SharedSubscriber | _RetainedInput
         if topic.delivery is not Delivery.LATEST:
             self._input = _RetainedInput(
-                bus, session, topic, self._key, mailbox, allowlist=allowlist, sources=sources
+                bus, session, topic, self._key, mailbox, allowlist=allowlist, checks=checks
             )
             return
         shared = inputs.get(self._key)
@@ -337,8 +350,9 @@ def recall_for_others(
 class RetainedStateFetcher:
     """Queries the keepers of other processes for the readers of this one, once for each reader and keeper."""
 
-    def __init__(self, bus: Participant, session: zenoh.Session) -> None:
-        """Watch for keepers. Call this in the loop."""
+    def __init__(self, bus: Participant, session: zenoh.Session, excess: ExcessReplies) -> None:
+        """Watch for keepers. Call this in the loop. `excess` counts answers that were not asked for."""
+        self._excess = excess
         self._bus = bus
         self._session = session
         self._own_keeper = KEEPER_ALIVE.at(str(session.zid()))
@@ -408,7 +422,7 @@ class RetainedStateFetcher:
         limit = ReplyLimit(
             MAX_KEEPERS * max_names_for(topic.placeholder), topic.message.max_bytes, max_of_key=MAX_KEEPERS
         )
-        return await query_samples(self._session, key, timeout_s=TIMEOUT_S, limit=limit)
+        return await query_samples(self._session, key, timeout_s=TIMEOUT_S, limit=limit, excess=self._excess)
 
     def _deliver_samples(self, topic: AnyTopic, samples: Sequence[zenoh.Sample]) -> None:
         mailboxes: list[tuple[str, Mailbox]] = []

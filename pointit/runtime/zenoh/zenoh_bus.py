@@ -55,15 +55,15 @@ from pointit.runtime.zenoh.declarations import (
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
 from pointit.runtime.zenoh.queries import (
     MAX_WAITING,
+    ExcessReplies,
     OverflowCounter,
     QueuedQueryable,
     ReplyLimit,
-    excess_replies,
     query_replies,
     refuse,
 )
 from pointit.runtime.zenoh.session import close_session, open_session
-from pointit.runtime.zenoh.sources import CopiedSources
+from pointit.runtime.zenoh.sources import CopiedSources, SenderChecks
 from pointit.runtime.zenoh.subscribers import (
     EncodedMessage,
     NameAllowlist,
@@ -252,8 +252,13 @@ def _reply(request: Request[Q, R], query: zenoh.Query, answer: asyncio.Task[R]) 
             query.reply(str(query.key_expr), payload, encoding=encoding_of(request.reply))
 
 
-async def send_query(
-    session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float
+async def send_query(  # noqa: PLR0917 - one call
+    session: zenoh.Session,
+    request: Request[Q, R],
+    key: str,
+    query: Q,
+    timeout_s: float,
+    excess: ExcessReplies | None = None,
 ) -> R:
     """Return the reply. Without an answer, the query is repeated, since the server may just be starting.
 
@@ -272,6 +277,7 @@ async def send_query(
             session,
             key,
             limit=ReplyLimit(MAX_SERVERS, request.reply.max_bytes),
+            excess=excess,
             payload=data,
             encoding=encoding,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -306,7 +312,7 @@ class ZenohBus(MemoryBus):
         self._allowlist = NameAllowlist()
         self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
-        self._sources = CopiedSources(str(session.zid()))
+        self._checks = SenderChecks(CopiedSources(str(session.zid())), ExcessReplies())
         self._too_long: dict[str, str] = {}
         """Sentence on the last message of a key, if it was too long to be sent."""
         self._history_turn = asyncio.Lock()
@@ -349,8 +355,8 @@ class ZenohBus(MemoryBus):
         now_s = time.monotonic()
         sentences = {
             "rejected": self._turned_away.problem(now_s),
-            "excess-replies": excess_replies.problem(now_s),
-            "copied-source": self._sources.problem(now_s),
+            "excess-replies": self._checks.excess.problem(now_s),
+            "copied-source": self._checks.sources.problem(now_s),
         }
         problems = [Problem(code=code, sentence=text) for code, text in sentences.items() if text]
         for key, text in self._too_long.items():
@@ -366,7 +372,7 @@ class ZenohBus(MemoryBus):
         key = topic.at(name)
         if topic not in ACCOUNTS:
             self._add_right("writes", key)
-        self._sources.add_own_key(key)
+        self._checks.sources.add_own_key(key)
         return ZenohPublisher(self, self.session, topic, name, too_long=self._too_long)
 
     def subscribe(
@@ -408,11 +414,11 @@ class ZenohBus(MemoryBus):
             name,
             inputs=self._inputs,
             allowlist=self._allowlist,
-            sources=self._sources,
+            checks=self._checks,
         )
         if topic.delivery is Delivery.STATE and retained:
             if self._state_fetcher is None:
-                self._state_fetcher = RetainedStateFetcher(self, self.session)
+                self._state_fetcher = RetainedStateFetcher(self, self.session, self._checks.excess)
             self._state_fetcher.fetch(topic, name, mailbox)
         return subscription
 
@@ -442,7 +448,7 @@ class ZenohBus(MemoryBus):
 
         async def ask() -> R:
             async with self._history_turn if request is READ_HISTORY else contextlib.nullcontext():
-                return await send_query(self.session, request, key, query, timeout_s)
+                return await send_query(self.session, request, key, query, timeout_s, self._checks.excess)
 
         reply = self.spawn(ask(), f"call {key}")
         try:

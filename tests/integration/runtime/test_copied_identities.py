@@ -15,7 +15,7 @@ from zenoh.handlers import Callback
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.queries import MAX_REPLY_BYTES, ReplyLimit, excess_replies, query_replies
+from pointit.runtime.zenoh.queries import MAX_REPLY_BYTES, ExcessReplies, ReplyLimit, query_replies
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import (
     ButtonEvent,
@@ -175,9 +175,17 @@ async def test_endless_answers_end_with_those_that_were_asked_for(
     none = zenoh.ConsolidationMode.NONE
     anyhow = zenoh.ReplyKeyExpr.ANY
 
+    excess = ExcessReplies()
+
     async def ask(limit: ReplyLimit) -> int:
         replies = await query_replies(
-            bus.session, selector, limit=limit, consolidation=none, accept_replies=anyhow, timeout=5.0
+            bus.session,
+            selector,
+            limit=limit,
+            excess=excess,
+            consolidation=none,
+            accept_replies=anyhow,
+            timeout=5.0,
         )
         return len(replies)
 
@@ -186,9 +194,7 @@ async def test_endless_answers_end_with_those_that_were_asked_for(
         if await ask(ReplyLimit(11)) == 11:
             break
         await asyncio.sleep(0.05)
-    assert excess_replies.problem(time.monotonic()).startswith(
-        "the writer of users/guest/button answers more"
-    )
+    assert excess.problem(time.monotonic()).startswith("the writer of users/guest/button answers more")
     assert time.monotonic() - began_s < 5.0, "the rest is not waited for"
     count = 0
     assert await ask(ReplyLimit(1000, 999)) == 0, "longer than any message of its kind"

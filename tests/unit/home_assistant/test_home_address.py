@@ -10,6 +10,7 @@ from pointit.bridges.home_assistant.setup.home_address import HomeAddress
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles
 from pointit.bridges.home_assistant.setup.progress import SetupProgress
 from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.mqtt.broker import client_options
 from pointit.schemas import SetUpHome
 
 URL = "http://home.local:8123"
@@ -150,3 +151,34 @@ def test_secret_of_a_trial_is_removed_when_there_is_no_home(tmp_path: Path) -> N
 def test_secret_is_named_without_a_folder(name: str) -> None:
     with pytest.raises(ValidationError):
         SetUpHome(act="connect", url=URL, secret=name)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "url", "password"),
+    [
+        ({}, "mqtt://anna@hub", None),
+        ({"broker": "mqtt://anna@hub"}, "mqtt://anna@hub", "of the run"),
+        ({"broker": "mqtt://anna@hub"}, "mqtt://anna@other", None),
+        ({"broker": "mqtt://anna@hub"}, "mqtt://ben@hub", None),
+        ({"broker": "mqtts://anna@hub"}, "mqtt://anna@hub", None),
+        ({"broker": "mqtt://anna@hub", "password_file": "/of/the/card"}, "mqtt://anna@hub", None),
+    ],
+)
+def test_password_of_the_environment_is_sent_to_its_own_broker_alone(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    parameters: dict[str, str],
+    url: str,
+    password: str | None,
+) -> None:
+    monkeypatch.setenv("MQTT_PASSWORD", "of the run")
+    home = home_in(tmp_path)
+    home.connect(url, "")
+    config = home.config_of(HomeAssistantConfig(**parameters))
+    assert client_options(config)["password"] == password
+
+    # The same once it was accepted, and after a restart
+    home.accept()
+    store(home, tmp_path)
+    config = home_in(tmp_path).config_of(HomeAssistantConfig(**parameters))
+    assert client_options(config)["password"] == password

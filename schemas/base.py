@@ -176,7 +176,7 @@ class Message(SchemaModel):
         return f"{cls.__name__}.v{cls.version}"
 
     def contradiction(self, name: str) -> str:  # noqa: ARG002 - for messages that repeat it
-        """Return what a writer under the key of `name` cannot state about itself, or `""`.
+        """Return the false statement about its writer under the key of `name`, or `""`.
 
         Access rules check the key, and nothing checks what a message says about its writer. Fields that
         repeat the name of the key are compared with it here, and a message that contradicts it is dropped.

@@ -418,7 +418,7 @@ class RetainedStateFetcher:
         return unanswered
 
     async def _query(self, key: str, topic: AnyTopic) -> list[zenoh.Sample]:
-        """Return what keepers have of `key`, of each name one state by each keeper."""
+        """Return the states of `key` that keepers have, for each name one of each keeper."""
         limit = ReplyLimit(
             MAX_KEEPERS * max_names_for(topic.placeholder), topic.message.max_bytes, max_of_key=MAX_KEEPERS
         )

@@ -1,4 +1,4 @@
-"""What a sender states about itself proves nothing: copies of it change nothing for the one who is copied.
+"""Copies of what a sender states about itself change nothing for the one who is copied.
 
 The stranger speaks Zenoh itself, as an attacker would, and writes under a key of its own, which is all that
 access rules leave to it.

@@ -75,7 +75,7 @@ async def test_message_that_is_too_long_ends_the_connection_before_it_is_read(
         async with asyncio.timeout(20):
             with pytest.raises((aiomqtt.MqttError, OSError)):
                 async with broker.connected(options) as client:
-                    await anext(client.messages())
+                    await anext(client.messages)
     assert endless.sent < 32 * 2**20, "what the system's buffers take"
     assert "the broker sends a message of 200 MB, more than 1 are not read" in caplog.text
     if version == 5:

@@ -10,6 +10,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import OptionalPart, load_object, present
 from pointit.services.imu_bridge.arm_frame import YawEpoch
+from pointit.services.imu_bridge.orientation_check import FrozenCheck, Values
 from pointit.services.imu_bridge.page_wrist import LOW_BATTERY
 from pointit.services.imu_bridge.sources import (
     Battery,
@@ -22,7 +23,6 @@ from pointit.services.imu_bridge.sources import (
     Signal,
 )
 
-Values = tuple[float, ...]
 Figure = tuple[str, float | None, str]
 """Name, value and unit of a metric. None removes it."""
 WarningText = tuple[str, str]
@@ -36,14 +36,6 @@ MIN_GAP_S = 0.1
 """Minimum pause that counts as a gap, s. Users notice a cursor that stops for this time."""
 GAP_PERIODS = 4.0
 """Shortest pause that is a gap, in sample periods."""
-FROZEN_S = 5.0
-"""Time with one and the same orientation after which a device may have frozen, s. On people's arms it was at
-most 0.2 s, and 1.2 s with radio loss (recordings of 7 people). Raw values are never the same for long."""
-FINE = 1e-3
-"""Smallest step of a quaternion's number seen from a device that shows the tremor of any arm. One with two
-decimals is not judged."""
-RAW = 6
-"""Number of values of a raw reading."""
 STORM = 5
 """Number of connections within `STORM_S` that are too many."""
 STORM_S = 10.0
@@ -93,11 +85,7 @@ class WristMonitor:
         self._latest_gap_s: float | None = None
         self._reported_s: float | None = None
 
-        # Changes of the values
-        self._values: Values = ()
-        self._changed_s = math.inf
-        self._finest = math.inf
-        self._is_step_wanted = True
+        self._frozen = FrozenCheck()
         self._is_late = False
 
     def on_reading(self, values: Values, now_s: float) -> None:
@@ -108,14 +96,7 @@ class WristMonitor:
             self._latest_gap_s = pause_s
         self._count += 1
         self._last_s = now_s
-        if values != self._values:
-            if self._is_step_wanted and len(values) == len(self._values):
-                self._is_step_wanted = False
-                changes = [abs(new - old) for new, old in zip(values, self._values, strict=True)]
-                step = max(changes)
-                self._finest = min(self._finest, step)
-            self._values = values
-            self._changed_s = now_s
+        self._frozen.on_values(values, now_s)
 
     def on_connected(self, now_s: float) -> None:
         """Record a new connection."""
@@ -125,9 +106,7 @@ class WristMonitor:
         self._last_s = now_s
         self._gap_s = math.inf
         self._counts.clear()
-        self._values = ()
-        self._changed_s = math.inf
-        self._finest = math.inf
+        self._frozen.restart()
 
     def on_disconnected(self, reason: str) -> None:
         """Record the loss of the device for `reason`. `""`: it has ended without an error."""
@@ -139,7 +118,7 @@ class WristMonitor:
         """Yield the metrics; to be called about once a second."""
         previous_s = self._reported_s
         self._reported_s = now_s
-        self._is_step_wanted = True
+        self._frozen.on_report()
         self._is_late = previous_s is not None and now_s - previous_s > 1.0 + LATE_TICK_S
 
         # Rate over the last reports, whose first count belongs to the time before
@@ -191,13 +170,11 @@ class WristMonitor:
             )
         yield "silence", message
 
-        # A hand trembles: values that would show it, but stay equal, come from no hand
-        same_s = self._last_s - self._changed_s
-        shows_tremor = self._finest < FINE or len(self._values) == RAW
         message = ""
-        if shows_tremor and same_s > FROZEN_S:
+        frozen_s = self._frozen.frozen_s
+        if frozen_s:
             message = (
-                f"{label} has sent the same orientation for {same_s:.0f} s: it lies on a table, or has "
+                f"{label} has sent the same orientation for {frozen_s:.0f} s: it lies on a table, or has "
                 "frozen; if the warning stays when it is moved, switch it off and on"
             )
         yield "frozen", message

@@ -12,6 +12,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, WristSample
 from pointit.services.imu_bridge.arm_frame import ArmFrame
+from pointit.services.imu_bridge.orientation_check import AzimuthCheck, FrozenCheck
 
 Device = Literal["arm", "phone"]
 DEVICE_NAMES: dict[Device, str] = {"arm": "mouse or ROS", "phone": "phone"}
@@ -45,6 +46,10 @@ class PageWrist:
         """Number of the last sample."""
         self._session: int | None = None
         """Session of the phone."""
+        self.frozen = FrozenCheck(is_fine=True)
+        """Whether the phone's orientation changes at all, as one in a hand does."""
+        self.azimuth = AzimuthCheck()
+        """Whether the phone's azimuth changes as it turns."""
         self._received_ns: int | None = None
         self._newest: WristSample | None = None
         self.late = 0
@@ -102,6 +107,12 @@ class PageWrist:
         if device == "phone" and sample.session != self._session:
             self._session = sample.session
             self._start_new_epoch(device)
+            self.frozen = FrozenCheck(is_fine=True)
+            self.azimuth = AzimuthCheck()
+        if device == "phone":
+            now_s = now_ns / NS_PER_S / speed
+            self.frozen.on_values(sample.orientation_xyzw, now_s)
+            self.azimuth.on_orientation(sample.orientation_xyzw, now_s)
         self._newest = sample
 
         # Its own yaw origin, else that of what moved the wrist before
@@ -173,6 +184,23 @@ def warnings(user: str, page: PageWrist, sample: WristSample | None) -> Iterator
             "machine's clock and left out: synchronize the clocks of the machines"
         )
     yield "page", message
+
+    # A browser without motion sensors, or without the right to read them, sends zeros
+    message = ""
+    is_phone = sample is not None and sample.device == "phone"
+    frozen_s = page.frozen.frozen_s
+    still_s = page.azimuth.still_s
+    if is_phone and frozen_s:
+        message = (
+            f"{user}'s phone has sent the same orientation for {frozen_s:.0f} s: it lies on a table, or its "
+            "browser gives no motion; in a hand, allow the page the motion sensors, or take another browser"
+        )
+    elif is_phone and still_s:
+        message = (
+            f"{user}'s phone has turned, and its azimuth is the same for {still_s:.0f} s: its browser reads "
+            "neither gyroscope nor compass; allow the page the motion sensors, or take another phone"
+        )
+    yield "phone", message
 
     battery = _phone_battery(sample)
     message = ""

@@ -15,8 +15,10 @@ from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ImuSample, WristSample
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.device_clock import MAX_AGE_NS, DeviceClock, slope_below
-from pointit.services.imu_bridge.device_wrist import FROZEN_S, STORM, Values, WristMonitor
+from pointit.services.imu_bridge.device_wrist import STORM, WristMonitor
+from pointit.services.imu_bridge.orientation_check import FROZEN_S, Values
 from pointit.services.imu_bridge.page_wrist import PageOrientation, PageWrist
+from pointit.services.imu_bridge.page_wrist import warnings as page_warnings
 from pointit.services.localizer.pose_manager import YawOrigin
 
 STEP = 1e-4
@@ -456,3 +458,51 @@ def test_yaw_epoch_changes_with_new_origins_only(steps: list[Step]) -> None:
             time_s += 5.0
             assert change(0) == (was != "home")
             was = "home"
+
+
+def phone_trouble(hand: Hand) -> str:
+    sample = WristSample(stamp_ns=0, orientation_xyzw=rotation.IDENTITY, device="phone")
+    return dict(page_warnings("anna", hand.page, sample))["phone"]
+
+
+def test_phone_whose_sensors_are_all_zero_is_named_after_seconds() -> None:
+    hand = Hand()
+    for time_s in range(5):
+        hand.send(time_s, "phone")
+        assert phone_trouble(hand) == ""
+    for time_s in range(5, 9):
+        hand.send(time_s, "phone")
+    assert "anna's phone has sent the same orientation for 8 s: it lies on a table, or" in phone_trouble(hand)
+    hand.send(9.0, "phone", rotation.from_yaw(0.01))
+    assert phone_trouble(hand) == ""
+
+
+def test_phone_without_an_azimuth_is_named_once_it_has_turned() -> None:
+    """A browser without gyroscope and compass gives `alpha` 0: only the tilt changes (W3C)."""
+    hand = Hand()
+    for step in range(100):
+        beta_rad = 0.5 + 0.3 * math.sin(step)
+        gamma_rad = 0.2 * math.cos(step)
+        pitch = rotation.from_axis_angle((1.0, 0.0, 0.0), beta_rad)
+        roll = rotation.from_axis_angle((0.0, 1.0, 0.0), gamma_rad)
+        hand.send(0.1 * step, "phone", rotation.multiply(pitch, roll))
+    assert "its azimuth is the same for 10 s: its browser reads neither gyroscope" in phone_trouble(hand)
+    hand.send(10.0, "phone", session=1)
+    assert phone_trouble(hand) == "", "another phone"
+
+
+def test_arm_that_tilts_or_rests_has_a_trembling_azimuth_and_no_trouble() -> None:
+    hand = Hand()
+    for step in range(200):
+        tremor_rad = 0.007 * math.sin(7.0 * step)
+        tilt = rotation.from_axis_angle((1.0, 0.0, 0.0), 0.5 + 0.3 * math.sin(0.1 * step))
+        hand.send(0.1 * step, "phone", rotation.multiply(rotation.from_yaw(tremor_rad), tilt))
+        assert phone_trouble(hand) == ""
+
+
+def test_mouse_at_rest_is_no_phone_without_sensors() -> None:
+    hand = Hand()
+    for time_s in range(20):
+        hand.send(time_s, "arm")
+    sample = WristSample(stamp_ns=0, orientation_xyzw=rotation.IDENTITY, device="arm")
+    assert dict(page_warnings("anna", hand.page, sample))["phone"] == ""

@@ -11,33 +11,34 @@ import { devicesPart } from "./devices/devices_part";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
 import { makeGuide } from "./guide";
-import { makeHelp } from "./help";
+import { Help } from "./shell/help";
 import { listen, type Shortcut } from "./keys";
 import { Mouse } from "./mouse";
 import { healthPart } from "./health/health";
-import { beltsPart } from "./panel/belts";
+import { Belts, beltsPart } from "./belts/belts";
 import { mapPart } from "./edit/map_part";
-import { makeLook } from "./panel/look";
-import { messagesPart } from "./panel/messages";
-import { nowPart, personPart } from "./panel/now";
-import { pairingDialog } from "./panel/pairing";
-import { makePanel } from "./panel/panel";
-import { robotsPart, stopAll } from "./panel/robots";
-import { speechPart } from "./panel/speech";
-import { thingsPart } from "./panel/things";
-import { tuningPart } from "./panel/tuning";
-import { mapRoomPart } from "./panel/map_room";
+import { messagesPart } from "./health/messages";
+import { nowPart } from "./people/now";
+import { personPart } from "./people/person";
+import { Pairing } from "./people/pairing";
+import { HEALTH, Panel } from "./panel/panel";
+import { drawStop, robotsPart } from "./robots/robots";
+import { speechPart } from "./speech/speech";
+import { thingsPart } from "./things/things";
+import { Tuning, tuningPart } from "./tuning/tuning";
+import { mapRoomPart } from "./edit/map_room";
 import { makeTimeline } from "./past/timeline";
 import { peoplePart } from "./people/people";
 import { whoPointsPart } from "./people/who_points";
 import { makeScenario } from "./scenario";
-import { isCutOff, outage } from "./outage";
+import { causes, isCutOff, outage } from "./outage";
 import { makeRunEnd } from "./run";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { beginning, makeShortcuts } from "./shortcuts";
 import { phaseOf, steeredBy } from "./site/robots";
 import { emptySite, siteNow, type SiteEvent, type Site } from "./site/site";
 import { homePart } from "./setup/home_part";
+import { SettingsDialog } from "./shell/settings_dialog";
 import { chime } from "./sound";
 import { Speaker } from "./speaker";
 import { Stage } from "./stage";
@@ -56,8 +57,6 @@ declare global {
 
 /** Panels are brought up to date so often at most, ms. */
 const PANEL_MS = 150;
-/** Index of the health tab. */
-const HEALTH = 2;
 
 const at = (id: string): HTMLElement => document.getElementById(id)!;
 const site = emptySite();
@@ -93,6 +92,7 @@ const connection = new Connection(
       mouse.update();
       headsetArm.update();
       pairing.update();
+      mapRoomPairing.update();
       refresh();
     },
     onState: (isConnected, attempt) => {
@@ -124,19 +124,20 @@ const stage: Stage = new Stage(
     if (awake) frame();
   },
 );
-const pairing = pairingDialog(controls);
+const pairing = new Pairing(controls, "pair");
+const mapRoomPairing = new Pairing(controls, "map_room");
 const guide = makeGuide(at("guide"), controls, mouse, pairing);
 const scenario = makeScenario(at("scenario"), at("progress"), controls);
-const belts = beltsPart(controls);
-const tuning = tuningPart(controls);
+const belts = new Belts(controls);
+const tuning = new Tuning(controls);
 const speaker = new Speaker(at("name"), (spoken, problem) => {
   const may = controls.speaks && controls.person !== null;
   if (may) void controls.askAloud({ deed: "report_voice", name: controls.user, query: { spoken, problem } });
   return may;
 });
 let namedNs = 0;
-const look = makeLook(controls, speaker, changeLook);
-const panel = makePanel(at("panel"), controls, [
+const look = new SettingsDialog(controls, speaker, changeLook);
+const panel: Panel = new Panel(at("panel"), controls, [
   {
     name: "Control",
     icon: "sliders",
@@ -146,7 +147,7 @@ const panel = makePanel(at("panel"), controls, [
       nowPart(controls),
       thingsPart(controls),
       robotsPart(controls),
-      belts,
+      beltsPart(controls, belts),
       speechPart(controls),
     ],
   },
@@ -158,20 +159,23 @@ const panel = makePanel(at("panel"), controls, [
       peoplePart(controls, scenario),
       devicesPart(controls),
       mapPart(controls),
-      mapRoomPart(controls),
-      tuning,
+      mapRoomPart(controls, mapRoomPairing),
+      tuningPart(controls, tuning),
     ],
   },
   {
     name: "Health",
     icon: "pulse",
+    badge: () => {
+      const count = causes(site).length;
+      return { count, meaning: count === 1 ? "warning" : "warnings" };
+    },
     parts: [healthPart(controls, () => stage.view?.stats ?? null), messagesPart(controls)],
   },
 ]);
-const stop = stopAll(at("stop"), controls);
 const runEnd = makeRunEnd(at("ended"), controls);
 const timeline = makeTimeline(at("timeline"), controls, (text) => say(text, false));
-const help = makeHelp(
+const help = new Help(
   (): readonly Shortcut[] => shortcuts,
   () => stage.gestures,
 );
@@ -237,7 +241,8 @@ function frame(): void {
   isStale = false;
   const worn = [...site.people.values()].find(({ line }) => line?.is_mine && line.moved_by === "headset");
   if (worn) stage.view?.immersion?.tellStep(nextStepOf(site, worn));
-  for (const part of [runEnd, panel, guide, scenario, stop, stage, timeline]) part.update();
+  for (const part of [runEnd, panel, guide, scenario, stage, timeline]) part.update();
+  drawStop(at("stop"), controls);
   if (!site.connected) showLost();
   showHeader();
   showOutage();
@@ -349,8 +354,7 @@ function showHeader(): void {
   const { timeline: past } = site;
   write(at("site"), [site.hello?.site, past?.title].filter(Boolean).join(" · "));
   showVisit();
-  const wrong = site.status?.findings.filter((each) => each.severity !== "note" && !each.follows).length ?? 0;
-  panel.count(HEALTH, wrong, wrong === 1 ? "warning" : "warnings");
+  const wrong = causes(site).length;
   const pill = at("pill");
   const isLoading = site.status === null && at("lost").hidden;
   const isLost = !isLoading && (!site.connected || isCutOff(site));

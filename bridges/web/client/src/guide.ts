@@ -6,7 +6,7 @@ import { factsOf } from "./facts";
 import { guidance, type Facts, type Said, type Words } from "./guidance";
 import type { SelectionEvent } from "./messages";
 import type { Mouse } from "./mouse";
-import type { Pairing } from "./panel/pairing";
+import type { Pairing } from "./people/pairing";
 import { robotSituation, robotStep, type RobotSituation } from "./robot_guidance";
 import { steeredBy } from "./site/robots";
 import { isNamed, outcome, thing } from "./words";

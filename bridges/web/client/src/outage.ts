@@ -19,6 +19,11 @@ export function isCutOff(site: Known): boolean {
   return site.status?.run === "runs" && whole(site)?.severity === "error";
 }
 
+/** Warnings and errors that do not follow from others. */
+export function causes({ status }: Known): readonly FindingLine[] {
+  return status?.findings.filter(({ severity, follows }) => severity !== "note" && !follows) ?? [];
+}
+
 function whole({ status }: Known): FindingLine | undefined {
   const all = status?.findings ?? [];
   return all.some(({ follows }) => follows)

@@ -3,6 +3,7 @@
 import "./phone.css";
 import { sentence } from "./format";
 import { chime } from "./sound";
+import { speakerFields } from "./phone/speaker_fields";
 import { Speaker } from "./speaker";
 import { Voice } from "./voice";
 import { STEPS } from "./keys";
@@ -271,7 +272,7 @@ class Wrist {
   }
 
   private showSpeaker(): void {
-    document.getElementById("speaker")!.replaceChildren(this.speaker.fields());
+    document.getElementById("speaker")!.replaceChildren(speakerFields(this.speaker));
   }
 
   /** Go to the thing left (-1) or right (1) of the announced one, or above or below, or to the nearest. */

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { columnsOf } from "./choice";
+import { columnsOf } from "./ui/columns";
 import { bytes, duration, figure, latencyTick, milliseconds, rendererName, typedNumber } from "./format";
-import { fingerprintLines } from "./panel/pairing";
+import { fingerprintLines } from "./people/pairing";
 import {
   command,
   foundDevices,
@@ -14,7 +14,7 @@ import {
 } from "./devices/found";
 import { fitSentence } from "./devices/wearing";
 import type { Health } from "./messages";
-import { wordsOf } from "./glossary";
+import { wordsOf } from "./shell/glossary_words";
 import { readSettings } from "./settings";
 import { Controls } from "./controls";
 import { emptyPerson, emptySite } from "./site/site";

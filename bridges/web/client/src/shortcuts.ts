@@ -2,12 +2,12 @@
 
 import { SEPARABILITY_KEY } from "./separability_toggle";
 import type { Controls } from "./controls";
-import type { Help } from "./help";
+import type { Help } from "./shell/help";
 import { STEPS, type Shortcut } from "./keys";
 import type { Mouse } from "./mouse";
-import type { Belts } from "./panel/belts";
-import type { Look } from "./panel/look";
-import type { Pairing } from "./panel/pairing";
+import type { Belts } from "./belts/belts";
+import type { SettingsDialog } from "./shell/settings_dialog";
+import type { Pairing } from "./people/pairing";
 import type { Panel } from "./panel/panel";
 import type { Timeline } from "./past/timeline";
 import type { Speaker } from "./speaker";
@@ -21,7 +21,7 @@ export interface ShortcutTargets {
   mouse: Mouse;
   stage: Stage;
   belts: Belts;
-  look: Look;
+  look: SettingsDialog;
   pairing: Pairing;
   panel: Panel;
   help: Help;

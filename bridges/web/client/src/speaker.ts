@@ -1,6 +1,6 @@
 /** Speaks the names of things, and has a live region that screen readers read. What is chosen is kept by this browser. */
 
-import { el, write } from "./dom";
+import { write } from "./dom";
 
 interface Choices {
   on: boolean | null;
@@ -11,7 +11,8 @@ interface Choices {
 export type VoiceProblem = "" | "none" | "language" | "silent";
 
 const STORED = "pointit-speaker";
-const RATES = [0.75, 1, 1.25, 1.5, 2];
+/** Speeds of speech that are offered, as multiples of the usual one. */
+export const RATES = [0.75, 1, 1.25, 1.5, 2];
 /** Time in which a browser knows its voices, and begins to speak, ms. */
 const PATIENCE_MS = 3000;
 
@@ -20,8 +21,8 @@ export class Speaker {
   private isUsual = false;
   /** Language unless the person chose another. */
   private usualLang = "";
-  private box: HTMLInputElement | null = null;
-  private readonly languages = el("select", { onchange: () => this.keep({ lang: this.languages.value }) });
+  /** Called when what the fields show has changed. */
+  onChange: () => void = () => {};
   private problem: VoiceProblem = "";
   /** Last step that was spoken. */
   private step = "";
@@ -38,7 +39,7 @@ export class Speaker {
       // what is not ours counts as nothing
     }
     window.speechSynthesis?.addEventListener?.("voiceschanged", () => {
-      this.offer();
+      this.onChange();
       if (this.problem !== "silent") this.tell(0, this.missing());
     });
   }
@@ -51,7 +52,7 @@ export class Speaker {
   setUsual(speaks: boolean, lang: string): void {
     this.isUsual = speaks;
     this.usualLang = lang;
-    if (this.box) this.box.checked = this.isOn;
+    this.onChange();
     if (speaks) setTimeout(() => this.tell(0, this.missing()), PATIENCE_MS);
   }
 
@@ -74,25 +75,20 @@ export class Speaker {
     if (this.isOn) this.utter(step, false);
   }
 
-  /** Fields to choose whether, in which language and how fast. */
-  fields(): HTMLElement {
-    const on = (this.box = el("input", { type: "checkbox", onchange: () => this.keep({ on: on.checked }) }));
-    on.checked = this.isOn;
-    const rate = el(
-      "select",
-      { onchange: () => this.keep({ rate: Number(rate.value) }) },
-      ...RATES.map((each) =>
-        el("option", { value: String(each), text: `${each} ×`, selected: each === this.choices.rate }),
-      ),
-    );
-    this.offer();
-    return el(
-      "div",
-      { className: "speaker" },
-      el("label", { className: "check" }, on, el("span", { text: "Speak the names of things I point at" })),
-      el("label", {}, "Language ", this.languages),
-      el("label", {}, "Rate ", rate),
-    );
+  /** Language that the person has chosen, or "" for that of the page. */
+  get chosenLanguage(): string {
+    return this.choices.lang;
+  }
+
+  get rate(): number {
+    return this.choices.rate;
+  }
+
+  /** Languages that the browser knows now, some of which it learns late; "" is that of the page. */
+  get languages(): readonly string[] {
+    const { lang } = this.choices;
+    const known = new Set(lang ? [...this.voices, lang] : this.voices);
+    return ["", ...[...known].sort()];
   }
 
   private get lang(): string {
@@ -103,24 +99,15 @@ export class Speaker {
     return (window.speechSynthesis?.getVoices() ?? []).map(({ lang }) => lang);
   }
 
-  /** Offer the languages that the browser knows now, some of which it learns late. */
-  private offer(): void {
-    const { lang } = this.choices;
-    const known = [...new Set([...this.voices, ...(lang ? [lang] : [])])].sort();
-    this.languages.replaceChildren(
-      ...["", ...known].map((each) =>
-        el("option", { value: each, text: each || "as the page", selected: each === lang }),
-      ),
-    );
-  }
-
-  private keep(change: Partial<Choices>): void {
+  /** Keep what the person has chosen. */
+  keep(change: Partial<Choices>): void {
     Object.assign(this.choices, change);
     try {
       localStorage.setItem(STORED, JSON.stringify(this.choices));
     } catch {
       // then it lasts as long as the page
     }
+    this.onChange();
     this.tell(0, this.missing());
     this.unlock();
   }
@@ -129,13 +116,10 @@ export class Speaker {
   private missing(): VoiceProblem {
     const { voices, lang } = this;
     const [main] = lang.toLowerCase().split("-");
-    return !this.isOn
-      ? ""
-      : !voices.length
-        ? "none"
-        : lang && !voices.some((each) => each.toLowerCase().split(/[-_]/)[0] === main)
-          ? "language"
-          : "";
+    if (!this.isOn) return "";
+    if (!voices.length) return "none";
+    const hasLanguage = voices.some((each) => each.toLowerCase().split(/[-_]/)[0] === main);
+    return lang && !hasLanguage ? "language" : "";
   }
 
   private tell(spoken: number, problem: VoiceProblem): void {

@@ -74,6 +74,35 @@ export function freeName(taken: readonly string[]): string {
   for (let number = 1; ; number++) if (!taken.includes(`user${number}`)) return `user${number}`;
 }
 
+/**
+ * A name that nobody has yet for who will wear `wrist`, one of the `wrists` that are offered: each of them has a name
+ * of its own, so that two of them cannot be connected as one person.
+ */
+export function freeNameFor(
+  wrist: FoundDevice,
+  wrists: readonly FoundDevice[],
+  taken: readonly string[],
+): string {
+  const names = [...taken];
+  for (const each of wrists) {
+    if (each.plugin === wrist.plugin && each.address === wrist.address) break;
+    names.push(freeName(names));
+  }
+  return freeName(names);
+}
+
+/** Maximum length of a strip's name that is taken from its light's own. */
+const MAX_STRIP_CHARACTERS = 60;
+
+/** Name of a strip for a light, after the light's own, that no strip of the map has. */
+export function newStripName({ label }: FoundDevice, strips: readonly { id: string }[]): string {
+  const base = label.split(",")[0]!.trim().slice(0, MAX_STRIP_CHARACTERS) || "light";
+  const taken = strips.map(({ id }) => id);
+  let name = base;
+  for (let number = 2; taken.includes(name); number++) name = `${base} ${number}`;
+  return name;
+}
+
 /** Strips of the map, given their ids and pixels, that no connected light shows. */
 export function freeStrips<S extends { id: string }>(
   strips: readonly S[],

@@ -3,12 +3,11 @@
 import type { Controls } from "../controls";
 import { bytes, byName, duration, figure, milliseconds, rendererName } from "../format";
 import type { Health as Account } from "../messages";
-import type { PanelPart } from "../panel/panel_part";
 import { figureOf, losses, rates } from "../site/figures";
 import type { Site } from "../site/site";
 import type { LatencyHistory } from "../site/timing";
-import { Icon, Section, Tile, Tiles } from "../ui/elements";
-import { seldomPart } from "../ui/part";
+import { Icon, LinkButton, Section, Tile, Tiles } from "../ui/elements";
+import { Seldom, type PanelPart } from "../ui/part";
 import type { ViewStats } from "../view";
 import type { Status } from "../wire";
 import { LatencyGraph } from "./latency_graph";
@@ -21,7 +20,15 @@ const SEVERITIES = {
 } as const;
 
 export function healthPart(controls: Controls, stats: () => ViewStats | null): PanelPart {
-  return seldomPart(RENEW_MS, (now) => <Health controls={controls} stats={stats()} now={now} />);
+  return {
+    isShown: () => true,
+    draw: () => (
+      <Seldom
+        everyMs={RENEW_MS}
+        content={(now) => <Health controls={controls} stats={stats()} now={now} />}
+      />
+    ),
+  };
 }
 
 interface HealthProps {
@@ -203,10 +210,12 @@ function ThisPage({ site, stats }: { site: Site; stats: ViewStats | null }) {
         </p>
       )}
       {site.connected && site.hello?.role === "operator" && (
-        <a class="button" href="/recording.mcap" download="pointit.mcap">
-          <Icon name="download" />
-          <span>Download the last minute</span>
-        </a>
+        <LinkButton
+          name="Download the last minute"
+          icon="download"
+          href="/recording.mcap"
+          download="pointit.mcap"
+        />
       )}
     </Section>
   );

@@ -2,16 +2,15 @@
 
 import { useState } from "preact/hooks";
 import type { Controls } from "../controls";
-import type { PanelPart } from "../panel/panel_part";
 import type { Scenario } from "../scenario";
 import { Choice } from "../ui/choice";
 import { Button } from "../ui/elements";
-import { componentPart } from "../ui/part";
+import { titledPart, type PanelPart } from "../ui/part";
 
 const NUMBERS = ["1", "2", "3", "4"].map((value) => ({ value, label: value }));
 
 export function peoplePart(controls: Controls, scenario: Scenario): PanelPart {
-  return componentPart(
+  return titledPart(
     "People",
     () => controls.may("run/scenario"),
     () => <People controls={controls} scenario={scenario} />,

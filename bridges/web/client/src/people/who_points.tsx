@@ -1,13 +1,12 @@
 /** Who moves the person's wrist: their own device or the simulation, a mouse, a phone, a headset. */
 
-import type { Option } from "../choice";
+import type { Option } from "../ui/columns";
 import type { Controls } from "../controls";
 import type { Mouse } from "../mouse";
-import type { Pairing } from "../panel/pairing";
-import type { PanelPart } from "../panel/panel_part";
+import type { Pairing } from "./pairing";
 import { Choice } from "../ui/choice";
 import { Button } from "../ui/elements";
-import { componentPart } from "../ui/part";
+import { titledPart, type PanelPart } from "../ui/part";
 import { Slider } from "../ui/slider";
 import type { PersonLine } from "../wire";
 
@@ -24,7 +23,7 @@ const PHONE: Option = { value: "phone", label: "Phone", icon: "phone" };
 const HEADSET: Option = { value: "headset", label: "Headset", icon: "headset" };
 
 export function whoPointsPart(controls: Controls, mouse: Mouse, pairing: Pairing): PanelPart {
-  return componentPart(
+  return titledPart(
     "Who points",
     () => controls.user !== "" && optionsOf(controls).length > 1,
     () => <WhoPoints controls={controls} mouse={mouse} pairing={pairing} />,

@@ -3,11 +3,10 @@
 import "./setup.css";
 import type { Controls } from "../controls";
 import type { HomeSetup } from "../messages";
-import type { Pairing } from "../panel/pairing";
-import type { PanelPart } from "../panel/panel_part";
+import type { Pairing } from "../people/pairing";
 import type { Panel } from "../panel/panel";
 import { Button } from "../ui/elements";
-import { componentPart } from "../ui/part";
+import { titledPart, type PanelPart } from "../ui/part";
 import type { SetupCards } from "./setup_cards";
 
 const CARDS: readonly (readonly [HomeSetup["step"], string])[] = [
@@ -24,7 +23,7 @@ export function homePart(controls: Controls, pairing: Pairing, panel: () => Pane
   let cards: SetupCards | null = null;
   let isLoading = false;
   const isThere = (): boolean => (site.hello?.home ?? false) && site.timeline === null; // also while the connection is lost
-  const part = componentPart("Home", isThere, () => (
+  const part = titledPart("Home", isThere, () => (
     <Home added={cards?.added ?? []} open={(step) => void cards?.go(step)} />
   ));
 
@@ -36,11 +35,10 @@ export function homePart(controls: Controls, pairing: Pairing, panel: () => Pane
   }
 
   return {
-    element: part.element,
-    update() {
+    ...part,
+    follow() {
       if (isThere() && !cards && !isLoading) void load();
       cards?.update(isThere());
-      part.update();
     },
   };
 }

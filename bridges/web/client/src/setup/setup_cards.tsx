@@ -5,8 +5,8 @@ import type { Controls } from "../controls";
 import { LOOK_ID } from "../devices/devices_part";
 import { el, mark, show } from "../dom";
 import type { HomeSetup } from "../messages";
-import type { Pairing } from "../panel/pairing";
-import type { Panel } from "../panel/panel";
+import type { Pairing } from "../people/pairing";
+import { SET_UP, type Panel } from "../panel/panel";
 import type { CardProps } from "./cards/card";
 import { ChooseCard } from "./cards/choose";
 import { ConnectCard } from "./cards/connect";
@@ -16,8 +16,6 @@ import { TryCard } from "./cards/try";
 import { SetupSession } from "./session";
 import type { Card } from "./setup_words";
 
-/** Tab *Set up* of the panel, with the devices. */
-const SET_UP = 1;
 const AGAIN = "Home in Set up opens each card again.";
 const CARDS: Record<Exclude<Card, "">, FunctionComponent<CardProps>> = {
   connect: ConnectCard,

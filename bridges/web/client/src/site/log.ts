@@ -11,7 +11,7 @@ export function note(
   text: string,
   at = site.timeline ? siteNow(site) / 1e6 : Date.now(),
 ): void {
-  site.log.push({ at, severity, who, text });
+  site.log.push({ id: site.logged, at, severity, who, text });
   site.logged += 1;
   if (site.log.length > LOG_LINES) site.log.splice(0, site.log.length - LOG_LINES);
 }

@@ -55,6 +55,8 @@ export interface Person {
 
 /** One line of the message log. */
 export interface LogLine {
+  /** Number of lines before it since the page was opened. */
+  id: number;
   /** Unix time, ms. */
   at: number;
   severity: "info" | "warning" | "error";

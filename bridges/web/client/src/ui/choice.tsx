@@ -1,9 +1,12 @@
 /** One of a few: radio buttons that look like one control. */
 
 import { useRef } from "preact/hooks";
-import { columnsOf, HOLD_MS, type Option } from "../choice";
+import { columnsOf, type Option } from "./columns";
 import { Icon } from "./elements";
 import { useOwnId } from "./ids";
+
+/** Time for which a new choice is shown before the value in use replaces it, ms. */
+const HOLD_MS = 1500;
 
 interface ChoiceProps {
   legend: string;
@@ -13,11 +16,11 @@ interface ChoiceProps {
   onChoose(value: string): void;
   /** The legend is read out only. */
   isBare?: boolean;
+  class?: string;
 }
 
-export function Choice({ legend, options, value, onChoose, isBare = false }: ChoiceProps) {
+export function Choice({ legend, options, value, onChoose, isBare = false, class: look = "" }: ChoiceProps) {
   const group = useOwnId("choice");
-  /** A new choice is shown for a while, before the value in use replaces it. */
   const held = useRef({ value: "", untilMs: -Infinity });
   const shown = performance.now() < held.current.untilMs ? held.current.value : value;
 
@@ -27,7 +30,7 @@ export function Choice({ legend, options, value, onChoose, isBare = false }: Cho
   }
 
   return (
-    <fieldset class={isBare ? "plain bare" : "plain"}>
+    <fieldset class={["plain", isBare ? "bare" : "", look].filter(Boolean).join(" ")}>
       <legend>{legend}</legend>
       <div class="choice" style={{ "--columns": columnsOf(options) }}>
         {options.map((option) => (

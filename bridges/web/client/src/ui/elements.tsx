@@ -1,6 +1,6 @@
 /** Small elements that all components share: icons, keys, buttons, titled parts, figures. */
 
-import type { ComponentChildren } from "preact";
+import type { ComponentChildren, Ref } from "preact";
 
 /** An icon of the sprite in index.html; decoration, so always beside a name. */
 export function Icon({ name }: { name: string }) {
@@ -27,6 +27,13 @@ interface ButtonProps {
   isOff?: boolean;
   hidden?: boolean;
   class?: string;
+  /** Name that is read out, where the one that is seen is too short. */
+  label?: string;
+  /** Reason why it is off, or what it does. */
+  title?: string;
+  id?: string;
+  ref?: Ref<HTMLButtonElement>;
+  autofocus?: boolean;
 }
 
 export function Button(props: ButtonProps) {
@@ -37,6 +44,11 @@ export function Button(props: ButtonProps) {
   return (
     <button
       type="button"
+      id={props.id}
+      ref={props.ref ?? null}
+      title={props.title || undefined}
+      aria-label={props.label}
+      autofocus={props.autofocus}
       class={[kind, props.class].filter(Boolean).join(" ")}
       hidden={hidden}
       aria-disabled={isOff ? "true" : undefined}
@@ -47,6 +59,25 @@ export function Button(props: ButtonProps) {
       {icon ? <span>{name}</span> : name}
       {shortcut && <Key name={shortcut} />}
     </button>
+  );
+}
+
+interface LinkButtonProps {
+  name: string;
+  icon: string;
+  href: string;
+  target?: "_blank";
+  /** Name of the file to which what is there is saved. */
+  download?: string;
+}
+
+/** A link that looks like a button. */
+export function LinkButton({ name, icon, ...link }: LinkButtonProps) {
+  return (
+    <a class="button" {...link}>
+      <Icon name={icon} />
+      <span>{name}</span>
+    </a>
   );
 }
 
@@ -78,5 +109,35 @@ export function Tile({ name, children }: { name: string; children: string | null
       <dt>{name}</dt>
       <dd>{children ?? "–"}</dd>
     </div>
+  );
+}
+
+/** A field to fill in, with its name. */
+export function Field({ name, children }: { name: string; children: ComponentChildren }) {
+  return (
+    <label class="field">
+      <span>{name}</span>
+      {children}
+    </label>
+  );
+}
+
+interface CheckProps {
+  name: string;
+  isOn: boolean;
+  onToggle(isOn: boolean): void;
+}
+
+/** A box to tick, with its name. */
+export function Check({ name, isOn, onToggle }: CheckProps) {
+  return (
+    <label class="check">
+      <input
+        type="checkbox"
+        checked={isOn}
+        onChange={({ currentTarget }) => onToggle(currentTarget.checked)}
+      />
+      <span>{name}</span>
+    </label>
   );
 }

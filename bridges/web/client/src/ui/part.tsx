@@ -1,48 +1,69 @@
-/** Components within a page whose frame is made by hand: each is a part of the panel. */
+/** Parts of the panel: each has a condition under which it is shown, and a component that draws it. */
 
-import { render, type ComponentChildren } from "preact";
-import { el, show } from "../dom";
-import type { PanelPart } from "../panel/panel_part";
+import type { ComponentChildren } from "preact";
+import { useRef } from "preact/hooks";
 import { headingId } from "./elements";
 
-/** A titled part with a component in it, drawn anew at each update of the panel. */
-export function componentPart(
-  title: string,
+export interface PanelPart {
+  /** Whether it has something to show. A hidden part keeps what a person has begun in it. */
+  isShown(): boolean;
+  draw(): ComponentChildren;
+  /** Follow the site, also while another tab is open. */
+  follow?(): void;
+}
+
+/** A part with a heading. */
+export function titledPart(
+  title: string | (() => string),
   isShown: () => boolean,
   content: () => ComponentChildren,
 ): PanelPart {
-  const id = headingId(title);
-  const element = el("section", { className: "part", "aria-labelledby": id });
   return {
-    element,
-    update() {
-      show(element, isShown());
-      render(
-        <>
-          <h2 id={id}>{title}</h2>
+    isShown,
+    draw() {
+      const text = typeof title === "string" ? title : title();
+      return (
+        <section class="part" aria-labelledby={headingId(text)} hidden={!isShown()}>
+          <h2 id={headingId(text)}>{text}</h2>
           {content()}
-        </>,
-        element,
+        </section>
       );
     },
   };
 }
 
-/** A tab's content that is drawn while it is seen, at most once in `everyMs`. */
-export function seldomPart(everyMs: number, content: (now: number) => ComponentChildren): PanelPart {
-  const element = el("div");
-  let drawnAt = -Infinity;
+/** A part whose name is read out only. */
+export function namedPart(
+  name: string,
+  isShown: () => boolean,
+  content: () => ComponentChildren,
+  state: () => string | undefined = () => undefined,
+): PanelPart {
   return {
-    element,
-    update() {
-      const now = performance.now();
-      if (!element.offsetParent) {
-        drawnAt = -Infinity;
-        return;
-      }
-      if (now - drawnAt < everyMs) return;
-      drawnAt = now;
-      render(content(now), element);
-    },
+    isShown,
+    draw: () => (
+      <section class="part" aria-label={name} data-state={state()} hidden={!isShown()}>
+        {content()}
+      </section>
+    ),
   };
+}
+
+interface SeldomProps {
+  /** It is drawn anew only while this holds. */
+  isSeen?: boolean;
+  everyMs?: number;
+  content(nowMs: number): ComponentChildren;
+}
+
+/** Content that is drawn anew while it is seen, at most once in `everyMs`. */
+export function Seldom({ isSeen = true, everyMs = 0, content }: SeldomProps) {
+  const drawn = useRef({ atMs: -Infinity, content: null as ComponentChildren }).current;
+  const nowMs = performance.now();
+  if (isSeen && nowMs - drawn.atMs >= everyMs) {
+    drawn.atMs = nowMs;
+    drawn.content = content(nowMs);
+  }
+  // The same content as before is not compared anew
+  return <>{drawn.content}</>;
 }

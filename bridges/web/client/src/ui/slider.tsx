@@ -2,16 +2,25 @@
 
 import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { typedNumber } from "../format";
-import type { SliderOptions } from "../slider";
 import { useConfirmed } from "./confirmed";
 import { Icon } from "./elements";
 import { useOwnId } from "./ids";
 
-interface SliderProps extends Omit<SliderOptions, "initial"> {
+interface SliderProps {
+  label: string;
+  min: number;
+  max: number;
+  step: number;
+  /** Unit, as shown behind the value and as read out. */
+  unit: string;
   /** Default value, such as that with which its service has started; null while it is unknown. */
   initial: number | null;
   /** Value in use at the site; null: its service has gone. */
   value: number | null;
+  /** Called while it is moved, at most one call at a time, and with what was typed; returns the value in use then, or null if it is refused. */
+  send(value: number): Promise<number | null>;
+  /** Called with the sentence on text that is no number. */
+  onInvalid(problem: string): void;
 }
 
 export function Slider(props: SliderProps) {

@@ -2,7 +2,7 @@
 
 import type { ComponentChildren } from "preact";
 import { useLayoutEffect, useRef, useState } from "preact/hooks";
-import type { Pairing } from "../../panel/pairing";
+import type { Pairing } from "../../people/pairing";
 import type { HomeSetup } from "../../messages";
 import { Button } from "../../ui/elements";
 import type { SetupSession } from "../session";

@@ -1,8 +1,8 @@
 /** The large part of the page: the view, which one it is, from where it looks. */
 
+import { render } from "preact";
 import { ImmersionButton } from "./immersion_button";
 import { SeparabilityToggle } from "./separability_toggle";
-import { choice } from "./choice";
 import type { Controls } from "./controls";
 import { el, isTouch, show, write } from "./dom";
 import type { Edges } from "./geometry/framing";
@@ -11,6 +11,7 @@ import type { Vec3 } from "./geometry/vec";
 import { PlanList } from "./plan/list";
 import { makePlan } from "./plan/plan";
 import { isDark } from "./theme";
+import { Choice } from "./ui/choice";
 import type { Arm, Camera, MakeView, View } from "./view";
 
 const CAMERAS: Record<Camera, { label: string; icon: string }> = {
@@ -37,7 +38,7 @@ export class Stage {
   /** Person whose arm this page moves, and the id that they keep pointing at, chosen from the list; or "". */
   private pointing = "";
   private followed = "";
-  private readonly cameras = choice("View from", (value) => this.look(value as Camera));
+  private readonly cameras = el("div", {});
   readonly separability: SeparabilityToggle;
   private readonly immersion: ImmersionButton;
   private camera: Camera = "room";
@@ -70,7 +71,6 @@ export class Stage {
     private readonly arm: Arm,
     turn: () => void,
   ) {
-    this.cameras.element.classList.add("bare");
     host.parentElement!.append(this.list.element);
     this.separability = new SeparabilityToggle(controls, () =>
       this.view?.setSeparability(this.separability.shown),
@@ -79,7 +79,7 @@ export class Stage {
     cameras.append(
       this.hint,
       this.separability.legend,
-      this.cameras.element,
+      this.cameras,
       this.separability.button,
       this.immersion.element,
     );
@@ -152,7 +152,23 @@ export class Stage {
     this.camera = camera;
     this.user = this.controls.user;
     this.view.setCamera(camera, this.user);
-    this.cameras.set(camera);
+    this.drawCameras();
+  }
+
+  /** Draw the choice of where to look from, if there is one. */
+  private drawCameras(): void {
+    const cameras = this.view?.cameras ?? [];
+    show(this.cameras, cameras.length > 1);
+    render(
+      <Choice
+        legend="View from"
+        isBare
+        options={cameras.map((value) => ({ value, ...CAMERAS[value] }))}
+        value={this.camera}
+        onChoose={(value) => this.look(value as Camera)}
+      />,
+      this.cameras,
+    );
   }
 
   theme(): void {
@@ -163,7 +179,7 @@ export class Stage {
     const { view } = this;
     if (!view) return;
     if (this.camera === "eyes" && this.user !== this.controls.user) this.look("eyes");
-    this.cameras.set(this.camera);
+    this.drawCameras();
     this.separability.update();
     view.keepClear?.(this.covered(), this.edges());
     const { software, renderer } = view.stats;
@@ -205,9 +221,8 @@ export class Stage {
   private edges(): Edges {
     const { top, bottom } = this.host.getBoundingClientRect();
     const edges = { top: 0, bottom: 0 };
-    for (const card of [this.cameras.element, ...this.edgeCards].map((each) =>
-      each.getBoundingClientRect(),
-    )) {
+    const cards = [this.cameras, ...this.edgeCards];
+    for (const card of cards.map((each) => each.getBoundingClientRect())) {
       if (card.height && card.top + card.bottom < top + bottom)
         edges.top = Math.max(edges.top, card.bottom - top);
       else if (card.height) edges.bottom = Math.max(edges.bottom, bottom - card.top);
@@ -235,8 +250,6 @@ export class Stage {
     });
     this.theme();
     const { cameras } = this.view;
-    this.cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));
-    show(this.cameras.element, cameras.length > 1);
     if (!cameras.includes(this.camera)) this.camera = cameras[0] ?? "room";
     this.look(this.camera);
     this.view.setSeparability(this.separability.shown);

@@ -44,7 +44,7 @@ async def publish_selection(site: pointit.Site, broker: aiomqtt.Client) -> None:
     """Publish what is selected after each change; the broker keeps it for those who come later."""
     async for selection in site.messages(SELECTION):
         selected: list[dict[str, str]] = []
-        for item in selection.objects:
+        for item in selection.settled:
             selected.append({"id": item.id, "kind": item.kind, "user": item.user})
         await publish(broker, "pointit/selection", json.dumps(selected), retain=True)
 

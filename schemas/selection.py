@@ -94,6 +94,18 @@ class Selection(Message):
         float | None, Field(gt=0, description="time on an object that selects it, told where shards run, s")
     ] = None
 
+    @property
+    def settled(self) -> tuple[SelectedObject, ...]:
+        """Return what is selected, without objects whose carriers have not told so yet."""
+        return tuple(item for item in self.objects if not item.is_pending)
+
+    @property
+    def under_way(self) -> frozenset[str]:
+        """Return the ids of the objects with an act whose result is not told, so that none is on or off."""
+        pending = {item.id for item in self.objects if item.is_pending}
+        acts = {act.object_id for act in self.acts if act.status in ("asked", "pending")}
+        return frozenset(pending | acts)
+
 
 class SelectionManner(Message):
     """The way in which people select here, for those who tell them: each person's supervisor, and pages."""

@@ -120,7 +120,8 @@ class EventLog:
                 yield level, f"{increase} {text}"
 
     def _selection(self, event: SelectionEvent, _previous: None) -> Sentences:
-        words = [event.user, event.event, event.kind, event.object_id]
+        action = "started" if event.status == "pending" else event.event
+        words = [event.user, action, event.kind, event.object_id]
         if event.bay:
             words.append(f"to bay {event.bay}")
         level = LogLevel.Warning if event.event == "refused" else LogLevel.Info

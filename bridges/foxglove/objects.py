@@ -49,8 +49,11 @@ class ObjectOwnership:
         """Return the claims in `selection` and in what each user hovers."""
         ownership = cls()
         if selection is not None:
-            ownership.owners = {item.id: item.user for item in selection.objects}
+            ownership.owners = {item.id: item.user for item in selection.settled}
             ownership.reservers = {item.id: item.user for item in selection.reserved}
+            for item in selection.objects:
+                if item.is_pending:
+                    ownership.reservers[item.id] = item.user
         for user in sorted(hovers):
             hover = hovers[user]
             if hover.object_id:

@@ -289,9 +289,8 @@ class MqttThings:
     def _states(self, things: Sequence[Thing]) -> Sequence[Publication]:
         if self._restoring is None or self._selection is None:  # what is on is not known yet
             return ()
-        selected_objects = self._selection.objects
-        pending = {selected.id for selected in selected_objects if selected.is_pending}
-        return self._announcements.states(things, selected_objects, self._restoring | pending)
+        unknown = self._restoring | self._selection.under_way
+        return self._announcements.states(things, self._selection.objects, unknown)
 
     async def _run_commands(self, client: BrokerClient) -> None:
         """Switch things as the broker says, until the connection is lost, which raises BrokerError."""

@@ -20,7 +20,10 @@ const draw = { // how a message is drawn, by its name in the catalogue; `about` 
     Object.assign(row, { title: about, textContent: `${user.padEnd(8)} ${gauge} ${action} ${object_id}` });
   },
   Selection: ({ objects }) =>
-    ($("selected").textContent = objects.map(({ id, kind, user }) => `${user}: ${kind} ${id}`).join("\n")),
+    ($("selected").textContent = objects
+      .filter(({ is_pending }) => !is_pending)
+      .map(({ id, kind, user }) => `${user}: ${kind} ${id}`)
+      .join("\n")),
 };
 
 (function connect() {

@@ -209,11 +209,16 @@ async def find(site: Site, name: str, kind: str = "") -> Item:
 
 def _map_items(site: Site, room: Environment) -> Iterable[Item]:
     owners: dict[str, str] = {}
+    under_way: frozenset[str] = frozenset()
     selection = site.latest.selection.get("")
     if selection is not None:
-        owners = {selected.id: selected.user for selected in selection.objects}
+        owners = {selected.id: selected.user for selected in selection.settled}
+        under_way = selection.under_way
     for thing in room.things:
         owner = owners.get(thing.id, "")
+        state = f"on, by {owner}" if owner else ""
+        if thing.id in under_way:
+            state = "under way: its result is not told yet"
         position_m = None if thing.is_tracked else thing.center_m
         lamp_id = thing.lamp or _lamp_near(room, position_m)
         yield Item(
@@ -222,7 +227,7 @@ def _map_items(site: Site, room: Environment) -> Iterable[Item]:
             label=plain(thing.label),
             position_m=position_m,
             lamp=lamp_id,
-            state=f"on, by {owner}" if owner else "",
+            state=state,
         )
 
     # Lamps that are no things themselves

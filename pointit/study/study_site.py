@@ -13,7 +13,8 @@ from pointit.errors import NoMessageError, PointItError
 from pointit.forearm.true_pose import TruePose, find_true_poses
 from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
+from pointit.schemas import NS_PER_S, ActOutcome, Announced, Cursor, Environment, SelectionEvent, topics
+from pointit.site.site_state import ActResults
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
 from pointit.study.tasks import StudyScene
@@ -55,6 +56,9 @@ class StudySite:
         self.site = site
         self.map = environment
         self.attempt: Attempt | None = None
+        self._act_results = ActResults()
+        self._arrivals: dict[tuple[str, int], tuple[Attempt, int]] = {}
+        """Attempt in which each event of it arrived, and when, ns, by object and stamp."""
         self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
         """Called with each message of the person, and the time of its arrival, ns."""
         self.truth_tracker = ""
@@ -241,6 +245,7 @@ class StudySite:
         scene = self._scene
         self._scene = None
         self.attempt = None
+        self._arrivals.clear()
         self._tracker.update(())
         if scene is None:
             return
@@ -262,7 +267,8 @@ class StudySite:
         work = (
             self._pump(site.cursors(user), Attempt.on_cursor),
             self._pump(site.hovers(user), Attempt.on_hover),
-            self._pump(site.selections(), Attempt.on_selection),
+            self._pump(site.selections(), self._on_selection),
+            self._pump(site.messages(topics.OUTCOMES), self._on_selection),
             self._pump(site.messages(topics.BUTTON, user), Attempt.on_press),
             self._pump(site.messages(topics.ANNOUNCED, user), Attempt.on_announced),
             self._pump(site.messages(topics.STEP, user), Attempt.on_step),
@@ -285,6 +291,18 @@ class StudySite:
             self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
             if self.attempt is not None:
                 handle(self.attempt, message, now_ns)
+
+    def _on_selection(self, attempt: Attempt, message: SelectionEvent | ActOutcome, now_ns: int) -> None:
+        """Pass an event on once it is known that it was done, with the time at which it arrived."""
+        if isinstance(message, SelectionEvent):
+            self._arrivals[message.object_id, message.stamp_ns] = (attempt, now_ns)
+        event = self._act_results.event_to_show(message)
+        if event is None:
+            return
+        arrival = self._arrivals.pop((event.object_id, event.stamp_ns), None)
+        if arrival is not None:
+            asked_in, arrived_ns = arrival
+            asked_in.on_selection(event, arrived_ns)
 
     async def _follow_robots(self) -> None:
         async for name, state in self.site.messages(topics.ROBOT_STATE).items():

@@ -390,7 +390,7 @@ def _pointing(
 def _objects(markers: MarkerBuilder, state: ConversionState) -> Iterator[Any]:
     owners: dict[str, str] = {}
     if state.selection is not None:
-        owners = {item.id: item.user for item in state.selection.objects}
+        owners = {item.id: item.user for item in state.selection.settled}
     steered = state.robots  # drawn on their own
     count = 0
     for item in state.tracked():

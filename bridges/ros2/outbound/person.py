@@ -207,7 +207,7 @@ def packages(_message: Message, context: ConversionContext) -> Converted:
 def selected(selection: Selection, context: ConversionContext) -> Converted:
     """Return all selected objects, of every owner."""
     number = context.state.uids.number
-    uids = np.array([number(item.id) for item in selection.objects], dtype=np.uint32)
+    uids = np.array([number(item.id) for item in selection.settled], dtype=np.uint32)
     return (context.state.types.make("conveyor_msgs/msg/PackageUIDList", uids=uids),)
 
 

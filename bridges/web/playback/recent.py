@@ -274,7 +274,8 @@ class Lanes:
         is_wanted = not event.kind or not wanted or event.kind in wanted
 
         if event.event in ("selected", "deselected"):
-            self._append_item("selections", event.user, (at_ns, at_ns, f"{event.event} {thing}"))
+            action = "started" if event.status == "pending" else event.event
+            self._append_item("selections", event.user, (at_ns, at_ns, f"{action} {thing}"))
             if event.event == "selected" and not is_wanted:
                 self._append_item("wrong", event.user, (at_ns, at_ns, f"not wanted: {thing}"))
         elif event.event == "refused":

@@ -74,7 +74,8 @@ export function modeOf(site: Site, id: string): TrackedObject["mode"] {
 export function ownCount(site: Site, user: string, counted: (id: string) => boolean = () => true): number {
   return (
     site.selection?.objects.filter(
-      (each) => each.user === user && modeOf(site, each.id) === "claim" && counted(each.id),
+      (each) =>
+        each.user === user && !each.is_pending && modeOf(site, each.id) === "claim" && counted(each.id),
     ).length ?? 0
   );
 }

@@ -2,7 +2,7 @@
 
 import { mark, write } from "../dom";
 import type { TrackedObject } from "../messages";
-import { siteNow, thingsOf, type Site } from "../site/site";
+import { holdersOf, ownersOf, siteNow, thingsOf, type Site } from "../site/site";
 import { currentBoxColor } from "../site/box_color";
 import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/appearance";
 import type { Lanes } from "./lanes";
@@ -49,8 +49,8 @@ export class Packages {
 
   update(site: Site, lanes: Lanes): void {
     const now = siteNow(site);
-    const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
-    const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
+    const owners = ownersOf(site);
+    const holders = holdersOf(site);
     this.drawn.clear();
     for (const { object, stamp_ns } of thingsOf(site)) {
       const { at, heading } = lanes.placed(object, stamp_ns, now);

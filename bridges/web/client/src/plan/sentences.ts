@@ -1,8 +1,8 @@
 /** The plan as text: one short line per person, object and lamp. */
 
 import { robotLine, seenRobots } from "../site/robots";
-import { standingOf, thingsOf, type Person, type Site } from "../site/site";
-import { darkLamps } from "../site/things";
+import { holdersOf, ownersOf, standingOf, thingsOf, type Person, type Site } from "../site/site";
+import { darkLamps, runningAct } from "../site/things";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
 import { isBox } from "../geometry/appearance";
@@ -43,8 +43,8 @@ export function robotRows(site: Site): Row[] {
 
 /** Objects with their owners. */
 export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
-  const owners = new Map(site.selection?.objects.map((each) => [each.id, each.user]));
-  const holders = new Map(site.selection?.reserved.map((each) => [each.id, each.user]));
+  const owners = ownersOf(site);
+  const holders = holdersOf(site);
   const all = thingsOf(site).map(({ object }) => object);
   const short = shortNames(all.map(({ id }) => id));
   return all
@@ -53,7 +53,14 @@ export function objectRows(site: Site): (Row & { object: TrackedObject })[] {
       const owner = owners.get(object.id);
       const holder = holders.get(object.id);
       const [on, off] = STATES[object.mode];
-      const state = owner ? `${on} by ${owner}` : holder ? `${holder} is about to select it` : off;
+      const isUnderWay = runningAct(site, object.id) !== null;
+      const state = isUnderWay
+        ? "under way"
+        : owner
+          ? `${on} by ${owner}`
+          : holder
+            ? `${holder} is about to select it`
+            : off;
       return {
         key: object.id,
         name: isBox(object) ? thing(site, object.id) : `${thing(site, object.id)} ${short.get(object.id)!}`,

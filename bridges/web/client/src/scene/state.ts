@@ -10,7 +10,7 @@ import {
 } from "../geometry/appearance";
 import type { Vec3 } from "../geometry/vec";
 import { currentBoxColor, WHITE } from "../site/box_color";
-import type { Site } from "../site/site";
+import { holdersOf, ownersOf, type Site } from "../site/site";
 import { NAME, type Labels } from "./labels";
 import type { Marks } from "./marks";
 import type { Thing, Things } from "./things";
@@ -20,7 +20,7 @@ const REFUSED: Rgb = [255, 70, 60];
 /** Draw the state of every thing of `site`. */
 export function state(site: Site, things: Things, marks: Marks, labels: Labels, dark: boolean): void {
   things.beginOutlines();
-  for (const { id, user } of site.selection?.objects ?? []) {
+  for (const [id, user] of ownersOf(site)) {
     const thing = things.byId.get(id);
     const profile = site.people.get(user)?.profile;
     if (!thing) continue;
@@ -28,7 +28,7 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     things.outline(thing, color);
     ring(thing, marks, color, profile?.pattern ?? "solid", 1);
   }
-  for (const { id, user } of site.selection?.reserved ?? []) {
+  for (const [id, user] of holdersOf(site)) {
     const thing = things.byId.get(id);
     if (thing)
       ring(

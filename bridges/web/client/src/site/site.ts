@@ -190,6 +190,18 @@ export function thingsOf(site: Site): { object: TrackedObject; stamp_ns: number 
   );
 }
 
+/** Owners of what is selected, by object; without what their carriers have not told yet. */
+export function ownersOf({ selection }: Pick<Site, "selection">): Map<string, string> {
+  const settled = selection?.objects.filter(({ is_pending }) => !is_pending) ?? [];
+  return new Map(settled.map(({ id, user }) => [id, user]));
+}
+
+/** People who are about to select an object, by object: it is reserved, or its carriers have not told the result. */
+export function holdersOf({ selection }: Pick<Site, "selection">): Map<string, string> {
+  const pending = selection?.objects.filter(({ is_pending }) => is_pending) ?? [];
+  return new Map([...(selection?.reserved ?? []), ...pending].map(({ id, user }) => [id, user]));
+}
+
 /** Whether the lamp is the light of a thing, whose name is shown instead. */
 export function isOfThing(map: Environment | null, lamp: string): boolean {
   return map?.things.some((thing) => thing.lamp === lamp) ?? false;

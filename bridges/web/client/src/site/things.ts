@@ -69,7 +69,7 @@ export function lastAct(
 }
 
 /** The newest act on a thing that is not over, or null. */
-function runningAct({ selection }: Site, id: string): ActState | null {
+export function runningAct({ selection }: Pick<Site, "selection">, id: string): ActState | null {
   const acts = selection?.acts?.filter((each) => each.object_id === id) ?? [];
   return acts.reverse().find(({ status }) => status === "asked" || status === "pending") ?? null;
 }

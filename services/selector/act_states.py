@@ -24,6 +24,10 @@ class ActStates:
         """Return the states, that of the newest act last."""
         return tuple(self._states.values())
 
+    def is_asked(self, object_id: str) -> bool:
+        """Return True if an act on the object was told as asked, and as nothing else yet."""
+        return any(state.object_id == object_id and state.status == "asked" for state in self.all())
+
     def begin(self, record: Record, asked_ns: int) -> None:
         """Note an act that a person asked for at `asked_ns`, and that was begun or refused."""
         status = record.status

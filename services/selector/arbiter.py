@@ -182,7 +182,9 @@ class Arbiter:
         dwell_s = self._dwell_s if self._tells_method else None
         objects: list[SelectedObject] = []
         for selected in self._ledger.objects():
-            if self._acts.is_pending(selected.id):
+            # several acts may end at once, and are told one after the other
+            is_pending = self._acts.is_pending(selected.id) or self._act_states.is_asked(selected.id)
+            if is_pending:
                 objects.append(selected.model_copy(update={"is_pending": True}))
             else:
                 objects.append(selected)

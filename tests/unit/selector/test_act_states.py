@@ -62,6 +62,20 @@ def test_button_that_failed_is_selected_in_no_selection_as_fired() -> None:
     assert screen.events[-1].reason == f"{NOT_DONE}no program"
 
 
+def test_button_is_pending_until_the_last_of_its_acts_was_told() -> None:
+    screen = Screen(BELL)
+    for _ in range(2):
+        screen.set("screws")
+        screen.point(80.0, 1.3)
+    screen.set("screws")
+    screen.take(screen.engine.on_carrier("home", False, at(screen.time_s)))
+    shown = [item for selection in screen.selections for item in selection.objects]
+    assert len(screen.outcomes) == 3
+    assert all(item.is_pending for item in shown), (
+        "of the acts that end together none is told before its outcome"
+    )
+
+
 def test_act_without_an_answer_is_told_as_unanswered() -> None:
     screen = Screen(BELL)
     screen.point(21.0, 3.0)

@@ -8,7 +8,16 @@ from unittest.mock import MagicMock
 import pytest
 
 from pointit.forearm.true_pose import TruePose
-from pointit.schemas import NS_PER_S, Announced, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import (
+    NS_PER_S,
+    ActOutcome,
+    Announced,
+    SelectionEvent,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.selection import ResultKind
 from pointit.study.measure import Attempt
 from pointit.study.study_site import StudySite
 
@@ -93,3 +102,25 @@ async def test_names_are_spoken_to_participants_whose_first_message_is_nameless(
     assert not study_site.has_names
     await study_site._pump(messages(), Attempt.on_announced)
     assert study_site.has_names
+
+
+@pytest.mark.parametrize(("result", "is_early"), [("done", False), ("done", True), ("failed", False)])
+def test_selection_ends_a_trial_once_it_is_told_as_done(*, result: ResultKind, is_early: bool) -> None:
+    class Trial:
+        def __init__(self) -> None:
+            self.events: list[tuple[str, int]] = []
+
+        def on_selection(self, event: SelectionEvent, now_ns: int) -> None:
+            self.events.append((event.event, now_ns))
+
+    site: Any = SiteWithTrackers({}, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+    study_site = StudySite(site, "P01", {}, None)  # pyrefly: ignore[bad-argument-type]
+    asked = SelectionEvent(stamp_ns=5, event="selected", object_id="t", carriers=("home",), status="asked")
+    outcome = ActOutcome(stamp_ns=9, event="selected", object_id="t", event_ns=5, result=result)
+    trial: Any = Trial()
+
+    messages = [(outcome, 9), (asked, 7)] if is_early else [(asked, 7), (outcome, 9)]
+    study_site._on_selection(trial, *messages[0])
+    assert trial.events == []
+    study_site._on_selection(trial, *messages[1])
+    assert trial.events == [("selected" if result == "done" else "refused", 7)]

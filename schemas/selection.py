@@ -87,6 +87,9 @@ class Selection(Message):
     acts: Annotated[
         Many[ActState], Field(description="last acts of each person on each object, the newest last")
     ] = ()
+    undoable: Annotated[
+        Many[KeyName], Field(description="people who have done something that `undo` can take back")
+    ] = ()
     method: Annotated[Id | None, Field(description="method of selecting in use, told where shards run")] = (
         None
     )

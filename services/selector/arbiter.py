@@ -189,7 +189,10 @@ class Arbiter:
             else:
                 objects.append(selected)
         reserved = self._reservations.objects()
-        return self._publisher.selection(now_ns, tuple(objects), reserved, self._act_states.all(), dwell_s)
+        selection = self._publisher.selection(
+            now_ns, tuple(objects), reserved, self._act_states.all(), dwell_s
+        )
+        return selection.model_copy(update={"undoable": self._ledger.undoable_users()})
 
     def changed_selection(self, now_ns: int) -> list[OutgoingMessage]:
         """Return the selection if it has changed since it was returned last."""

@@ -219,6 +219,10 @@ class Ledger:
         self._remember(user, [change])
         return change
 
+    def undoable_users(self) -> tuple[str, ...]:
+        """Return the people who have a step to undo, in order of their names."""
+        return tuple(sorted(user for user, steps in self._steps.items() if steps))
+
     def undo(self, user: str, now_ns: int, present: Container[str]) -> list[ObjectChange]:
         """Undo the last step of `user`. Return no change if there is none.
 

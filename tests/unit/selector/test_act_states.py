@@ -101,6 +101,17 @@ def test_undo_leaves_the_state_of_the_act_that_a_hover_names() -> None:
     assert screen.hover.act_ns == acts[0].asked_ns
 
 
+def test_selection_names_who_has_something_to_undo() -> None:
+    screen = Screen()
+    screen.set("screws", "bert")  # a button, which cannot be undone
+    assert screen.selections[-1].undoable == ()
+    screen.set("lamp")
+    assert screen.selections[-1].undoable == ("anna",)
+    screen.tell("done", state="on")
+    screen.take(screen.engine.undo("anna", at(screen.time_s)))
+    assert screen.selections[-1].undoable == ()
+
+
 def test_restarted_selector_tells_of_the_act_that_it_waits_for() -> None:
     screen = Screen(BELL)
     record = Record(

@@ -8,7 +8,7 @@ import type { CancelLocalization, ScenarioOffer, SelectionEvent, Step } from "./
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import { siteNow, type Person, type Site } from "./site/site";
-import { hasSelected, hasTakenBack } from "./site/things";
+import { hasSelected } from "./site/things";
 import type { Toasts } from "./toasts";
 import { SERVERS, type RequestKey } from "./topics";
 import type { Hello, PersonLine } from "./wire";
@@ -232,9 +232,9 @@ export class Controls {
     return hasSelected(this.site, this.user);
   }
 
-  /** Whether an action of the person since the start of the selector can be undone. */
+  /** Whether an action of the person can be undone, as the selector tells. */
   get canUndo(): boolean {
-    return this.canClear || hasTakenBack(this.site, this.user);
+    return this.site.selection?.undoable?.includes(this.user) ?? false;
   }
 
   undo(): void {

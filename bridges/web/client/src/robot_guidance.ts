@@ -87,8 +87,9 @@ function steeredStep(
     };
   }
   if (kind === "quadrotor") {
-    if (now.isLanding || phase === "landing")
-      return { step: "following", text: `${Name} lands where you pointed …` };
+    if (phase === "landing") return { step: "following", text: `${Name} lands where you pointed …` };
+    if (now.isLanding && phase !== "landed")
+      return { step: "following", text: `${Name} is asked to land where you pointed …` };
     if (phase === "landed" || phase === "taking_off")
       return { step: "following", text: `${Name} is yours and takes off …` };
     return {

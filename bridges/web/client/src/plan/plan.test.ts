@@ -232,6 +232,7 @@ test("the list tells people, objects and lamps in short lines", () => {
     stamp_ns: 0,
     seq: 0,
     acts: [],
+    undoable: [],
     objects: [{ id: "1a-1", user: "user2", kind: "red", since_ns: 0, confidence: null, is_pending: false }],
     reserved: [{ id: "1a-2", user: "user10", until_ns: 0 }],
     method: null,

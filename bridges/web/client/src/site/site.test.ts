@@ -343,6 +343,7 @@ test("buttons that fired are not counted as a person's own", () => {
     stamp_ns: 0,
     seq: 0,
     acts: [],
+    undoable: [],
     objects: [
       owned("kettle", "ada"),
       owned("radio", "ada"),

@@ -20,25 +20,6 @@ export function noteChange({ changes }: Site, event: SelectionEvent): void {
   if (changes.size > MAX_CHANGES) changes.delete(changes.keys().next().value!);
 }
 
-/** Whether `user` took back something since the selector started that they can take again: its undo steps end with it. */
-export function hasTakenBack(site: Site, user: string): boolean {
-  const selector = site.status?.services.find(({ instance, present }) => present && instance === "selector");
-  const sinceNs = selector ? siteNow(site) - selector.since_s * 1e9 * site.speed : Infinity;
-  return [...site.changes].some(([id, { selected, deselected }]) => {
-    const object = objectOf(site, id);
-    return (
-      object !== null &&
-      !isTooLate(object) &&
-      object.mode !== "button" &&
-      deselected?.user === user &&
-      deselected.cause !== "undo" &&
-      deselected.stamp_ns >= sinceNs &&
-      deselected.stamp_ns > (selected?.stamp_ns ?? 0) &&
-      !site.selection?.objects.some((each) => each.id === id)
-    );
-  });
-}
-
 /** Whether `user` has selected something that they can clear: what a button fired ends by itself. */
 export function hasSelected(site: Site, user: string): boolean {
   return (

@@ -158,7 +158,7 @@ class SelectionPublisher:
         """
         seq = self._count("event")
         self.write(record, seq)
-        message = event_of(record._replace(carriers=f"{record.carriers} {others}"), seq)
+        message = event_of(record._replace(carriers=f"{record.carriers} {others}".strip()), seq)
         return [] if message is None else [OutgoingMessage("", message)]
 
     def outcome(self, outcome: ActOutcome) -> OutgoingMessage:

@@ -88,6 +88,7 @@ def test_act_without_a_carrier_is_done_and_one_that_is_not_allowed_failed() -> N
     screen.point(-21.0, 3.0)
     screen.point(-21.0, 3.0, user="bert")
     assert screen.states == [("crate", "anna", "select", "done"), ("crate", "bert", "", "failed")]
+    assert [event.status for event in screen.events] == ["done", "failed"]
     assert "only anna can deselect it" in screen.selections[-1].acts[-1].text
 
 

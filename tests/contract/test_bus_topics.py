@@ -49,6 +49,7 @@ class TestLatest:
         anna = site.a.publisher(IMU, "anna")
         ben = site.a.publisher(IMU, "ben")
         await reached(anna, one, everyone)
+        await reached(ben, everyone)  # anna's may have come by the subscription to her name alone
         ben.put(imu(1))
         anna.put(imu(2))
         await until(lambda: set(everyone.seen) == {("ben", 1), ("anna", 2)} and bool(one.seen))
@@ -274,9 +275,10 @@ class TestTap:
     async def test_closed_tap_gets_nothing(self, site: Site) -> None:
         closed = Sink()
         open_one = Sink()
-        tap = site.b.tap(IMU, tapped(closed), "anna")
-        site.b.tap(IMU, tapped(open_one))
         writer = site.a.publisher(IMU, "anna")
+        site.b.tap(IMU, tapped(open_one))
+        await reached(writer, open_one)  # not by the subscription that is closed
+        tap = site.b.tap(IMU, tapped(closed), "anna")
         await reached(writer, closed, open_one)
         seen = len(closed.seen)
         tap.close()

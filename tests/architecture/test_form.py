@@ -1,4 +1,4 @@
-"""`scripts/house` and `scripts/expression-load` on small examples; `scripts/check` applies them to the product."""
+"""`scripts/house` and `scripts/expression-load` on small examples."""
 
 import importlib.util
 import sys

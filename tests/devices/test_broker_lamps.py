@@ -42,6 +42,7 @@ from tests.support.bench import Bench, memory_bench, until
 from tests.support.buses import free_port, is_listening
 from tests.support.home_assistant import HomeSite, start, thing
 from tests.support.mqtt import broker
+from tests.support.pace import Patience
 
 TASMOTA_LIGHT = "light.a0424b_li_1_c60c5272"
 ZIGBEE_STATE = "zigbee2mqtt/cuinaLlumTaulell"
@@ -194,12 +195,13 @@ class Cards:
         return await self._bench.bus.call(SET_UP_HOME, SetUpHome(act=act, **fields))
 
     async def until(self, condition: Callable[[HomeSetup], bool]) -> HomeSetup:
-        async with asyncio.timeout(30):
-            while True:
-                setup = await self.act()
-                if condition(setup):
-                    return setup
-                await asyncio.sleep(0.1)
+        patience = Patience(30)
+        setup = await self.act()
+        while not condition(setup):
+            assert not patience.is_over(), f"waited {patience} in vain; the cards show {setup}"
+            await asyncio.sleep(0.1)
+            setup = await self.act()
+        return setup
 
 
 async def test_cards_list_lamps_and_light_the_one_whose_turn_it_is(port: int, tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ class RunCosts:
         """Yield the lines of a report: shares of time, then the files and tests that took most."""
         yield (
             f"{len(self.tests)} tests in {self.wall_s:.0f} s with {self.cpu_s:.0f} s of CPU: "
-            f"{self.idle_share():.0%} of the time of {self.cores} cores was idle"
+            f"{self.idle_share():.0%} of the time of {self.cores} cores was left to others or to nobody"
         )
         shares = ", ".join(f"{share:.0%} {name}" for name, share in self.process_shares().items())
         processes = {cost.process for cost in self.tests.values()}

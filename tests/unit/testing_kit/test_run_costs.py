@@ -56,7 +56,10 @@ def test_time_of_processes_is_split_into_its_uses(costs: RunCosts) -> None:
 def test_files_are_listed_by_wall_time_and_by_cpu(costs: RunCosts) -> None:
     lines = list(costs.lines())
 
-    assert lines[0] == "4 tests in 20 s with 30 s of CPU: 25% of the time of 2 cores was idle"
+    assert (
+        lines[0]
+        == "4 tests in 20 s with 30 s of CPU: 25% of the time of 2 cores was left to others or to nobody"
+    )
     assert lines[1].startswith("time of 2 processes: 35% in tests that compute, 25% in tests that wait, ")
     assert lines[2:6] == [
         "slowest files by wall time:",

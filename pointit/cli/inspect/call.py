@@ -69,8 +69,9 @@ async def command(
         return 0
     message = fields.pop("message")
     say((message or "done") + site.note)
-    if fields:
-        click.echo(to_line(fields))
+    known_fields = {name: value for name, value in fields.items() if value is not None}
+    if known_fields:
+        click.echo(to_line(known_fields))
     return 0
 
 

@@ -219,7 +219,7 @@ async def test_answer_that_is_too_long_is_refused_with_its_size(bus: ZenohBus, e
     assert len((await page.call(SET_UP_HOME, SetUpHome())).lamps) == 200
     count = 20_000
     with pytest.raises(RefusedError, match=f"would have .* bytes, and readers take {HomeSetup.max_bytes}"):
-        await page.call(SET_UP_HOME, SetUpHome())
+        await page.call(SET_UP_HOME, SetUpHome(), timeout_s=60.0)  # 20 000 lamps are checked
     await page.close()
 
 

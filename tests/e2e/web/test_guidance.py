@@ -14,7 +14,7 @@ from playwright.async_api import Browser, Page, expect
 from tests.e2e.web.axe import violations
 from tests.e2e.web.phone import PhonePage
 from tests.e2e.web.site import Operator, SitePage, running
-from tests.e2e.web.window import TOLD, Window
+from tests.e2e.web.window import NO_WEBGL, TOLD, Window
 from tests.support.commands import Commands
 from tests.support.home_assistant import MemoryHome, token_file
 from tests.support.pace import Patience
@@ -115,7 +115,7 @@ async def headset(operator: Operator, user: str) -> AsyncGenerator[None]:
 async def test_person_and_list_of_people_are_first_above_the_fold(
     browser: Browser, home: SitePage, tmp_path: Path
 ) -> None:
-    window = await Window.open(browser, home.url, size=SIZES[0], reduced_motion="reduce")
+    window = await Window.open(browser, home.url, size=SIZES[0], scripts=(NO_WEBGL,), reduced_motion="reduce")
     page = window.page
     await window.is_shown()
     await page.get_by_role("radio", name="user1", exact=True).check()
@@ -132,7 +132,7 @@ async def test_person_and_list_of_people_are_first_above_the_fold(
 
 
 async def test_source_is_nobody_at_once_after_give_back(browser: Browser, home: SitePage) -> None:
-    window = await Window.open(browser, home.url, scripts=(TOLD,), reduced_motion="reduce")
+    window = await Window.open(browser, home.url, scripts=(NO_WEBGL, TOLD), reduced_motion="reduce")
     page = window.page
     await window.is_shown()
     await page.get_by_role("button", name="Point with the mouse").click()
@@ -146,7 +146,7 @@ async def test_source_is_nobody_at_once_after_give_back(browser: Browser, home: 
 async def test_card_in_each_beginning_of_ones_own_map(
     browser: Browser, home: SitePage, tmp_path: Path
 ) -> None:
-    window = await Window.open(browser, home.url, size=SIZES[0], reduced_motion="reduce")
+    window = await Window.open(browser, home.url, size=SIZES[0], scripts=(NO_WEBGL,), reduced_motion="reduce")
     page = window.page
     await window.is_shown()
     guide = page.locator("#guide")

@@ -151,14 +151,14 @@ class ConnectionLimits:
             if not identity_load.is_held(self._now_s):
                 continue
             own = by_account.pop(account, [])
-            messages[_identity(account)] = self._held_message(account, identity_load, own)
+            messages[identity_of_account(account)] = self._held_message(account, identity_load, own)
 
         # The newest are closed, so that a newcomer cannot push out the processes that run
         for account, own in by_account.items():
             newest = own[self._max_connections :]
             if newest:
                 to_close += newest
-                messages[_identity(account)] = self._too_many_message(account, len(own), newest)
+                messages[identity_of_account(account)] = self._too_many_message(account, len(own), newest)
         return [connection for connection in to_close if connection.can_be_cut], messages
 
     def pop_ended_attacks(self) -> dict[str, str]:
@@ -210,17 +210,26 @@ def _limited_key(key: str) -> str:
     return "" if INTERNAL in key else plain
 
 
-def _identity(account: str) -> str:
+def full_message(account: str) -> str:
+    """Return a sentence on a client that does not read what the router sends it."""
+    return (
+        f"{_label(account)} does not read what it is sent, and others would wait for it: its connection is "
+        "ended; look whether its process is stopped or busy"
+    )
+
+
+def identity_of_account(account: str) -> str:
+    """Return the identity, `SITE/NAME`, of an account."""
     is_former = account.count("/") > 1
     return identity_of(account) if is_former else account
 
 
 def _name(account: str) -> str:
-    return _identity(account).rpartition("/")[2]
+    return identity_of_account(account).rpartition("/")[2]
 
 
 def _label(account: str) -> str:
-    identity = _identity(account)
+    identity = identity_of_account(account)
     if account == identity:
         return identity
     return f"{identity}, by a revoked or replaced certificate,"

@@ -41,9 +41,13 @@ MESSAGES = (
 
 MAX_BYTES = 1024 * 1024
 """Upper limit of the messages of a site."""
-MAX_TRAVELLING_BYTES = 16 * MAX_BYTES
+MAX_TRAVELLING_BYTES = 2 * MAX_BYTES
 """Limit above which fragments are not even reassembled, without any report. Shorter messages are dropped
-where the router knows the sender, and reports it."""
+where the router knows the sender, and reports it. Each connection may leave one of each of 7 priorities
+unfinished, which nothing but its bytes shows."""
+MAX_WAIT_US = 2_000_000
+"""Time for which the router waits for a client that does not read, before it closes its connection, us. Less
+than a lease. `pointit router` closes it sooner."""
 ONE_STREAM = "?multistream=0"
 """Setting of QUIC. With a stream for each priority, Zenoh's default, a query may overtake the declaration of
 its key, and the router drops it silently."""
@@ -265,7 +269,10 @@ def _transport(sites: Sequence[RouterSite]) -> dict[str, Any]:
     link: dict[str, Any] = {
         "protocols": ["tls", "quic"],
         "rx": {"max_message_size": MAX_TRAVELLING_BYTES},
-        "tx": {"lease": LEASE_MS},
+        "tx": {
+            "lease": LEASE_MS,
+            "queue": {"congestion_control": {"block": {"wait_before_close": MAX_WAIT_US}}},
+        },
     }
     transport: dict[str, Any] = {"unicast": unicast, "shared_memory": {"enabled": False}, "link": link}
     if any(router_site.password for router_site in sites):

@@ -1,8 +1,9 @@
 """Guard of a router: who floods is cut off, and what was denied is told. The only place that decides on it.
 
-Every `LOOK_S` the operations in the router's log (`zenoh_trace`) become the load of each identity
-(`connection_limits`, `identity_load`), and who exceeds it is cut off. Every `TELL_S` denied operations,
-excess and its end are logged and published in the router's health.
+Every `LOOK_S` the operations in the router's log (`zenoh_trace`), and the bytes and segments that it does not
+explain (`connection_traffic`), become the load of each identity (`connection_limits`, `identity_load`). Who
+exceeds it is cut off. Every `TELL_S` denied operations, excess and its end are logged and published in the
+router's health.
 """
 
 import asyncio
@@ -20,10 +21,13 @@ from pointit.access.connection_limits import (
     ConnectionLimits,
     LimitedConnection,
     account_of,
+    full_message,
+    identity_of_account,
     loads_of,
 )
+from pointit.access.connection_traffic import ConnectionCounters, ConnectionTraffic
 from pointit.access.denied_operations import DeniedOperations, RecentDenials
-from pointit.access.identity_load import QUIET_S
+from pointit.access.identity_load import QUIET_S, Load
 from pointit.access.zenoh_trace import FILTER, MARKS, ZenohTrace, is_configuration, version_warning
 from pointit.schemas.problems import DENIED, EXCESS, REVOKED, Problem
 
@@ -33,10 +37,33 @@ LOOK_S = 0.1
 """Interval at which the load of identities is compared with its limit, s."""
 TELL_S = 1.0
 """Interval at which denied operations are reported, s."""
+NO_COUNTERS = (
+    "this system does not count what each connection sends: floods of messages on which access rules do not "
+    "decide, and of bytes, are not seen; run the router on Linux"
+)
 NUMBER = re.compile(r"\d+")
 
 CaptureLog = Callable[..., AbstractContextManager[None]]
 """`runtime.router_log.captured_log`."""
+
+
+class CountersOfSocket(Protocol):
+    """Counters of one connection, `runtime.socket_counters.SocketCounters`."""
+
+    @property
+    def received_bytes(self) -> int:
+        """Bytes received since it opened."""
+        ...
+
+    @property
+    def received_segments(self) -> int:
+        """Number of segments with data."""
+        ...
+
+    @property
+    def is_peer_full(self) -> bool:
+        """True if the client reads nothing of what waits for it."""
+        ...
 
 
 class GuardedRouter(Protocol):
@@ -46,6 +73,7 @@ class GuardedRouter(Protocol):
     roles: dict[str, str]
     former: frozenset[str]
     times_opened: int
+    has_counters: bool
 
     async def open(self) -> None:
         """Route."""
@@ -58,6 +86,10 @@ class GuardedRouter(Protocol):
 
     def links(self) -> list[tuple[str, str, str]]:
         """Return session, common name and address of all who are connected."""
+        ...
+
+    def counters(self) -> Mapping[str, CountersOfSocket]:
+        """Return the system's counters of connections, by the addresses that `links` returns."""
         ...
 
     def pop_new_connections(self) -> Counter[str]:
@@ -86,6 +118,9 @@ class RouterGuard:
         self._trace = ZenohTrace(self._on_identity)
         self._denied = DeniedOperations()
         self._recent = RecentDenials()
+        self._traffic = ConnectionTraffic()
+        self._full: dict[str, str] = {}
+        """Messages on clients that do not read, by identity, until they are reported."""
         self._logged = LoggedOnce()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._times_opened = 1
@@ -101,6 +136,8 @@ class RouterGuard:
         warning = version_warning(importlib.metadata.version("eclipse-zenoh"))
         if warning:
             log.warning("%s", warning)
+        if not self._router.has_counters:
+            log.warning("%s", NO_COUNTERS)
         self._loop = asyncio.get_running_loop()
         self._router.is_held = self._is_held
         with capture_log(FILTER, self._trace.take, MARKS, is_configuration):
@@ -138,11 +175,40 @@ class RouterGuard:
         self._denied.add(counts)
         new_connections = self._router.pop_new_connections()
         loads = loads_of(counts, new_connections, self._router.former)
+        self._add_traffic(loads, now_s)
         accounts = self._limits.step(loads, self._roles(), now_s)
         if accounts:
             own = [connection for connection in self._connections() if connection.account in accounts]
             self._router.cut(_addresses_to_cut(own))
         return bool(accounts)
+
+    def _add_traffic(self, loads: dict[str, Load], now_s: float) -> None:
+        """Add what the log does not have to `loads`. End the connections of clients that do not read."""
+        counters = self._router.counters()
+        counted: list[ConnectionCounters] = []
+        for connection in self._connections():
+            counts = counters.get(connection.address)
+            if counts is None or not connection.account:
+                continue
+            counted.append(
+                ConnectionCounters(
+                    account=connection.account,
+                    address=connection.address,
+                    received_bytes=counts.received_bytes,
+                    received_segments=counts.received_segments,
+                    is_peer_full=counts.is_peer_full,
+                )
+            )
+        logged: dict[str, float] = {}
+        for account, load in loads.items():
+            logged[account] = load.messages + load.requests + load.internal_requests
+        result = self._traffic.step(counted, logged, self._router.former, now_s)
+        for account, messages in result.unexplained.items():
+            loads.setdefault(account, Load()).messages += messages
+        if result.full:
+            self._router.cut(result.full)
+            accounts = {each.account for each in counted if each.address in result.full}
+            self._full |= {identity_of_account(account): full_message(account) for account in accounts}
 
     def _report(self, now_s: float, elapsed_s: float) -> None:
         """Report what was denied and who is cut off, in the log and to doctor.
@@ -160,6 +226,8 @@ class RouterGuard:
         self._hold_connections(connections)
 
         # Health repeats a message for a while, the log has it once
+        exceeding = {**self._full, **exceeding}
+        self._full = {}
         messages = {DENIED: sentences, REVOKED: self._denied.revoked, EXCESS: exceeding}
         for kind, of_kind in messages.items():
             self._recent.add(of_kind, now_s, kind)

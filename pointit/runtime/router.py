@@ -24,6 +24,7 @@ from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router_health import RouterHealthPublisher
 from pointit.runtime.router_sockets import Peer, cut, hold, peer, release_udp_ports
+from pointit.runtime.socket_counters import SocketCounters, has_counters, socket_counters
 from pointit.runtime.zenoh.session import (
     CLOSE_TIMEOUT_S,
     close_session,
@@ -115,6 +116,8 @@ class Router:
         self._lock = threading.Lock()
         self.times_opened = 0
         """Number of times that it has opened. All clients connect again then."""
+        self.has_counters = has_counters()
+        """True if the system counts what each connection sends."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
         self.former: frozenset[str] = frozenset()
@@ -154,6 +157,19 @@ class Router:
         for link in links:
             connections.append((str(link.zid), link.auth_identifier or "", link.dst))
         return connections
+
+    def counters(self) -> dict[str, SocketCounters]:
+        """Return the system's counters of connections by TLS, by the addresses that `links` returns.
+
+        There are none where the system does not count.
+        """
+        by_peer = socket_counters(ports_of(self._listens))
+        counters: dict[str, SocketCounters] = {}
+        for _, _, address in self.links():
+            for found in _peers([address]):
+                if found in by_peer:
+                    counters[address] = by_peer[found]
+        return counters
 
     def pop_new_connections(self) -> Counter[str]:
         """Return and reset the number of new connections by common name, empty where none is known."""

@@ -24,6 +24,7 @@ from tests.integration.access.secured import link_of
 
 VICTIM = "anna"
 PAYLOAD = bytes(100)
+LARGE_PAYLOAD = bytes(16_000)
 LONG_KEY = "x" * 60_000
 MAX_AHEAD_S = 0.01
 RETRY_MS = 1
@@ -62,7 +63,20 @@ def _be_present(session: zenoh.Session, key: str) -> None:
     session.liveliness().declare_token(key).undeclare()
 
 
+def _declare_interest(session: zenoh.Session, key: str) -> None:
+    """Ask the router for all readers of `key`, and take that back. No log of access rules has it."""
+    session.declare_publisher(key).undeclare()
+
+
+def _write_large(session: zenoh.Session, name: str) -> None:
+    """Write as much as one message of a topic may have."""
+    session.put(CLAIM.at(name), LARGE_PAYLOAD, congestion_control=zenoh.CongestionControl.BLOCK)
+
+
 KINDS: dict[str, Act] = {
+    "interests": lambda session, _name: _declare_interest(session, "**"),
+    "interests in one key": lambda session, name: _declare_interest(session, CLAIM.at(name)),
+    "large writes": _write_large,
     "own keys": write_own_keys(),
     "one own key": lambda session, name: _write(session, CLAIM.at(name)),
     "questions": lambda session, _name: _ask(session, READ_HISTORY.at()),

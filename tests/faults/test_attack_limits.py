@@ -31,6 +31,8 @@ WRITES_HZ = 6000.0
 CONNECTION_HZ = 500.0
 """Minimum rate of writes of each."""
 DECLARATIONS_HZ = 1000.0
+INTERESTS_HZ = 40_000.0
+LARGE_WRITES_HZ = 3000.0
 LONG_KEYS_HZ = 500.0
 NAMED_S = 5.0
 """Limit of the time from the start of a flood until its identity is named and cut off."""
@@ -112,6 +114,10 @@ class CursorCounter:
 def flood_rate_hz(kind: str, connections: int) -> float:
     if kind in ("own keys", "one own key", "denied writes"):
         return max(WRITES_HZ, CONNECTION_HZ * connections)
+    if kind.startswith("interests"):
+        return INTERESTS_HZ
+    if kind == "large writes":
+        return LARGE_WRITES_HZ
     if kind == "keys of 60 kB":
         return LONG_KEYS_HZ
     return DECLARATIONS_HZ

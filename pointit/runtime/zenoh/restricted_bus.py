@@ -20,6 +20,7 @@ from pointit.runtime.clock import wait_up_to
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError, PointItError
 from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.link.link import JOIN, ROOM, VERBS, Credentials, Link
+from pointit.runtime.zenoh.queries import ReplyLimit, query_replies
 from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Query, Reply
@@ -47,6 +48,8 @@ WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 MIN_COMPLETE_ROUNDS = 3
 """Complete rounds in which a message must be missing to count as denied. A round is complete when its last
 message, which all may write, has arrived. Sessions deliver in order."""
+ANSWER_TIMEOUT_S = 2.0
+"""Maximum time of the router for the end of a question, s. It takes milliseconds."""
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
 """Delays before denied rights are tested again, s. The last one repeats. A restarted router answers late
 while all its clients reconnect, and rules may change."""
@@ -212,7 +215,12 @@ class PermissionProbe:
                     await wait_up_to(arrivals.all_arrived, wait_s)
                     if arrivals.is_complete:
                         break
+                is_answered = bool(arrivals.keys) or await self._router_answers(second)
         except (PointItError, zenoh.ZError):
+            return None
+
+        # Nothing arrives of an identity without rights, and nothing from a router that is busy with others
+        if not is_answered:
             return None
 
         # A missing message shows no denial if others were lost, too, or if the router is gone
@@ -221,6 +229,20 @@ class PermissionProbe:
         if not self._is_up():
             return None
         return {keys[key] for key in arrivals.keys & keys.keys()}
+
+    async def _router_answers(self, second: zenoh.Session) -> bool:
+        """Return True if the router has dealt with all that both sessions have sent.
+
+        It ends each question, also one that it denies, and reads those of a session behind its messages.
+        """
+        name = self._credentials.link.name
+        for session in (self._session, second):
+            replies = await query_replies(
+                session, f"{ROOM}/{name}/{JOIN}", limit=ReplyLimit(1), timeout=ANSWER_TIMEOUT_S
+            )
+            if any(reply.err is not None for reply in replies):  # Zenoh's own: it has timed out
+                return False
+        return True
 
     def _sentences(self) -> list[str]:
         if self._is_unknown_identity:

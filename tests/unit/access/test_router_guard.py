@@ -5,9 +5,11 @@ import contextlib
 import logging
 from collections import Counter
 from collections.abc import AsyncGenerator, Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import pytest
 
+from pointit.access.connection_traffic import FULL_S
 from pointit.access.identity_load import HOLD_S, MAX_HZ, QUIET_S
 from pointit.access.router_guard import LOOK_S, LoggedOnce, RouterGuard
 from pointit.schemas.problems import DENIED, EXCESS, Problem
@@ -21,6 +23,13 @@ COMMON_NAMES = {"aa": "lab/anna/1", "ab": "lab/anna/1", "be": "lab/ben/1"}
 FLOOD_HZ = 3 * MAX_HZ
 
 
+@dataclass(frozen=True, kw_only=True)
+class StubCounters:
+    received_bytes: int = 0
+    received_segments: int = 0
+    is_peer_full: bool = False
+
+
 class StubRouter:
     """A router with three connections, whose common names only the log has if there are passwords."""
 
@@ -30,6 +39,8 @@ class StubRouter:
         self.roles = {"lab/anna": "user", "lab/ben": "user"}
         self.former: frozenset[str] = frozenset()
         self.times_opened = 1
+        self.has_counters = True
+        self.sockets: dict[str, StubCounters] = {}
         self.cuts: list[str] = []
         self.holds: set[str] = set()
         self.problems: Sequence[Problem] = ()
@@ -46,6 +57,9 @@ class StubRouter:
     def links(self) -> list[tuple[str, str, str]]:
         names = dict.fromkeys(COMMON_NAMES, "") if self.has_passwords else COMMON_NAMES
         return [(session, names[session], address) for session, address in ADDRESSES.items()]
+
+    def counters(self) -> Mapping[str, StubCounters]:
+        return self.sockets
 
     def pop_new_connections(self) -> Counter[str]:
         return Counter()
@@ -99,6 +113,64 @@ async def guarded(*, has_passwords: bool = False) -> AsyncGenerator[GuardedSite]
         finally:
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
+
+
+async def receive_for(
+    site: GuardedSite, duration_s: float, session: str, *, bytes_hz: float, hz: float
+) -> None:
+    """Let a connection send bytes and segments of which the log has nothing."""
+    address = ADDRESSES[session]
+    for _ in range(round(duration_s / LOOK_S)):
+        counters = site.router.sockets.get(address, StubCounters())
+        site.router.sockets[address] = StubCounters(
+            received_bytes=counters.received_bytes + round(bytes_hz * LOOK_S),
+            received_segments=counters.received_segments + round(hz * LOOK_S),
+        )
+        await asyncio.sleep(LOOK_S)
+
+
+@pytest.mark.parametrize(
+    ("bytes_hz", "hz"),
+    [(1_000_000.0, 5700.0), (2_000_000.0, 40.0), (50_000_000.0, 1000.0)],
+    ids=["interests as measured", "the same in large segments", "messages of a megabyte"],
+)
+async def test_flood_that_no_log_has_is_cut_off_within_5_s(bytes_hz: float, hz: float) -> None:
+    async with guarded() as site:
+        await receive_for(site, 5.0, "aa", bytes_hz=bytes_hz, hz=hz)
+        assert ADDRESSES["aa"] in site.router.cuts
+        assert site.router.is_held("lab/anna/1")
+        assert not site.router.is_held("lab/ben/1")
+        assert any("lab/anna has written or asked" in problem.sentence for problem in site.router.problems)
+
+
+async def test_revoked_identity_is_cut_off_for_less() -> None:
+    async with guarded() as site:
+        site.router.former = frozenset({"lab/anna/1"})
+        site.router.roles = {"lab/ben": "user"}
+        await receive_for(site, 1.5, "aa", bytes_hz=300_000.0, hz=2500.0)
+        assert ADDRESSES["aa"] in site.router.cuts
+
+
+async def test_bytes_of_messages_in_the_log_are_no_flood() -> None:
+    """A person whose messages have 300 bytes, and one who begins with a megabyte."""
+    async with guarded() as site:
+        site.router.sockets[ADDRESSES["be"]] = StubCounters(received_bytes=1_048_576, received_segments=800)
+        for _ in range(round(20.0 / LOOK_S)):
+            site.write("aa", round(450 * LOOK_S))
+            await receive_for(site, LOOK_S, "aa", bytes_hz=135_000.0, hz=450.0)
+        assert not site.router.cuts
+
+
+async def test_client_that_does_not_read_is_closed_and_named(caplog: pytest.LogCaptureFixture) -> None:
+    async with guarded() as site:
+        site.router.sockets[ADDRESSES["aa"]] = StubCounters(is_peer_full=True)
+        await asyncio.sleep(FULL_S / 2)
+        assert not site.router.cuts
+        await asyncio.sleep(FULL_S)
+        assert site.router.cuts == [ADDRESSES["aa"]] * len(site.router.cuts) != []
+        site.router.sockets.clear()
+        await asyncio.sleep(2.0)
+    assert "lab/anna does not read what it is sent" in caplog.text
 
 
 @pytest.mark.parametrize("has_passwords", [False, True])

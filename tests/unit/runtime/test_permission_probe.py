@@ -16,12 +16,21 @@ from pointit.runtime.zenoh.restricted_bus import PermissionProbe
 from tests.support.bench import until
 
 
+class TimedOut:
+    """Zenoh's own reply to a question without an end."""
+
+    def __init__(self) -> None:
+        self.ok: None = None
+        self.err = Sample("", b"Timeout")
+
+
 class Router:
     """Forwards messages from one session to the other, except `denied` ones."""
 
     def __init__(self) -> None:
         self.denied: Callable[[str], bool] = lambda _key: False
-        self.tests = self.messages = 0
+        self.tests = self.messages = self.questions = 0
+        self.is_busy = False
         self.asked = asyncio.Event()
         self._hear: Callable[[Any], None] = lambda _sample: None
 
@@ -32,6 +41,15 @@ class Router:
         self.asked.set()
         if not self.denied(key):
             self._hear(Sample(key, payload))
+
+    def get(self, _key: str, callback: Any, **_: Any) -> None:
+        """End a question, as a router does whatever the rights, unless it is busy."""
+        self.questions += 1
+        if not self.is_busy:
+            callback.drop()
+            return
+        callback(TimedOut())
+        callback.drop()
 
     @contextlib.asynccontextmanager
     async def second(self) -> AsyncGenerator[zenoh.Session]:
@@ -168,4 +186,21 @@ async def test_probe_closes_while_answers_arrive(turns: int) -> None:
     for _ in range(turns):
         await asyncio.sleep(0)
     async with asyncio.timeout(60.0):
+        await test.close()
+
+
+async def test_right_that_a_busy_router_did_not_test_is_unknown(caplog: pytest.LogCaptureFixture) -> None:
+    router = Router()
+    router.denied = lambda _key: True
+    router.is_busy = True
+    test = self_test_at(router)
+    try:
+        test.add("writes", "users/anna/imu")
+        await until(lambda: router.questions >= 2, what="two questions without an end")
+        assert not test.problems
+        assert not caplog.records
+        router.is_busy = False
+        await until(lambda: bool(test.problems), what="it to be denied")
+        assert "may do nothing here" in test.problems[0].sentence
+    finally:
         await test.close()

@@ -237,7 +237,14 @@ class RouterGuard:
             log.warning("%s", sentence)
         accounts = [connection.account for connection in connections]
         sessions = Counter(account.partition("/")[0] for account in accounts)
-        self._router.report(self._recent.of, self._denied.total, sessions)
+        self._router.report(self._problems_of, self._denied.total, sessions)
+
+    def _problems_of(self, site: str) -> list[Problem]:
+        """Return what doctor shows of `site`."""
+        problems = list(self._recent.of(site))
+        if not self._router.has_counters:
+            problems.append(Problem(code="uncounted", sentence=NO_COUNTERS, severity="note"))
+        return problems
 
     def _on_identity(self) -> None:
         """Hold a connection as soon as the log has its identity, as on a site with passwords."""

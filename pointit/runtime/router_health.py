@@ -39,7 +39,7 @@ class RouterHealthPublisher:
         """Publish the problems, the number of refused attempts, and the number of connections."""
         self._seq += 1
         shown_problems = tuple(problem.without_secrets() for problem in problems)
-        status = "degraded" if problems else "ok"
+        warnings = tuple(problem.sentence for problem in shown_problems if problem.severity == "warning")
         figures = (
             Figure(name="refused", value=float(refused)),
             Figure(name="sessions", value=float(sessions)),
@@ -52,8 +52,8 @@ class RouterHealthPublisher:
             pid=os.getpid(),
             host=socket.gethostname(),
             uptime_s=time.monotonic() - self._began_s,
-            status=status,
-            warnings=tuple(problem.sentence for problem in shown_problems),
+            status="degraded" if warnings else "ok",
+            warnings=warnings,
             problems=shown_problems,
             figures=figures,
         )

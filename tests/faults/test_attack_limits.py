@@ -135,8 +135,13 @@ def connections_of(site: Central) -> set[int]:
     return {connection.raddr[1] for connection in connections if connection.status == "ESTABLISHED"}
 
 
-async def flood_result(site: Central, kind: str, connections: int, insider: str) -> FloodResult:
-    """Flood until it is cut off and for a while longer, and return what others had of it."""
+async def flood_result(
+    site: Central, kind: str, connections: int, insider: str, named: str = "{} has "
+) -> FloodResult:
+    """Flood until it is cut off and for a while longer, and return what others had of it.
+
+    `named`: beginning of the sentence by which the router names the insider.
+    """
     await site.fresh()
     rate_hz = flood_rate_hz(kind, connections)
     program = [sys.executable, "-m", "tests.faults.insider", str(site.folder.path), insider, kind]
@@ -152,7 +157,7 @@ async def flood_result(site: Central, kind: str, connections: int, insider: str)
         while elapsed_s < GIVEN_UP_S and max(named_s, cut_s) == math.inf:
             await asyncio.sleep(0.02)
             elapsed_s = time.monotonic() - whole.began_s
-            if named_s == math.inf and f"lab/{insider} has " in site.router.err:
+            if named_s == math.inf and named.format(f"lab/{insider}") in site.router.err:
                 named_s = elapsed_s
             # Who only opens connections has none that lasts.
             is_cut = named_s < math.inf if kind == CONNECTIONS else not first & connections_of(site)
@@ -225,3 +230,28 @@ async def test_insider_is_named_and_cut_off_whatever_she_does(
     for insider in insiders:
         messages = said.replace(f"the flood of lab/{insider} has ended", "")
         assert messages.count(f"lab/{insider} has ") == 1, "an attack is reported once, and its end beside"
+
+
+@pytest.mark.timeout(900)
+async def test_revoked_identity_is_named_and_cut_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who has no rights can ask for all readers that there are, and take that back, all the same."""
+    numbers = [int(number) for number in selected("FLOOD_CONNECTIONS", ("1", "8", "32"))]
+    insiders = [f"insider{number}" for number in range(len(numbers))]
+    results: list[FloodResult] = []
+    async with central_site(tmp_path, insiders) as site:
+        count = site.router.err.count("that there are now")
+        for insider in insiders:
+            site.folder.revoke(insider)
+        await until(lambda: site.router.err.count("that there are now") > count, what="the new rules")
+        for connections, insider in zip(numbers, insiders, strict=True):
+            named = "{}, by a revoked or replaced certificate, has "
+            results.append(await flood_result(site, "interests", connections, insider, named))
+    with capsys.disabled():
+        print("\n" + table(results))  # noqa: T201 - this is what it is run for
+    for result in results:
+        row = " ".join(result.cells)
+        assert result.named_s <= NAMED_S, row
+        assert result.cut_s <= NAMED_S, row
+        assert result.afterwards.gap_s <= result.allowed_gap_s, row

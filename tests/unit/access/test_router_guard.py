@@ -173,6 +173,15 @@ async def test_client_that_does_not_read_is_closed_and_named(caplog: pytest.LogC
     assert "lab/anna does not read what it is sent" in caplog.text
 
 
+async def test_doctor_shows_that_a_system_does_not_count() -> None:
+    async with guarded() as site:
+        site.router.has_counters = False
+        await asyncio.sleep(2.0)
+        (problem,) = site.router.problems
+    assert problem.severity == "note"
+    assert "of bytes, are not seen" in problem.sentence
+
+
 @pytest.mark.parametrize("has_passwords", [False, True])
 async def test_flood_by_two_connections_is_cut_off_and_told_once(
     caplog: pytest.LogCaptureFixture, *, has_passwords: bool

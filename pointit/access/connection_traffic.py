@@ -1,8 +1,8 @@
 """Traffic of each identity that no log explains, and connections whose clients do not read. Pure.
 
 A segment, or `BYTES_OF_MESSAGE` bytes, is as much as a message. What the log has counted explains as many
-segments as it has operations, and comes up to `EXPLAINED_S` after the bytes. The rest is what access control
-does not decide on: interests, fragments, ends of answers, long messages.
+segments as it has operations, and comes up to `EXPLAINED_S` after the bytes. The rest is what no log has:
+fragments, ends of answers, long messages.
 """
 
 from collections import defaultdict
@@ -17,7 +17,7 @@ BYTES_OF_CONNECTION = 12_000
 EXPLAINED_S = 1.0
 """Time for which the log may be behind the bytes, s."""
 UNEXPLAINED_FACTOR = 2.0
-"""Weight of what the log does not explain: an interest has some 20 bytes, and costs as much as a question."""
+"""Weight of what the log does not explain: it may be many short messages in one segment."""
 FORMER_FACTOR = 10.0
 """The same of somebody whose certificate was revoked or replaced, and who has no rights."""
 FULL_S = 0.5

@@ -5,6 +5,9 @@ At level TRACE Zenoh's access control writes a line for every decision. Decision
 and dropped right after is too long for its key, or one of its readers has just left: then it goes out to
 others, if there are any. The only reader of a self-test is its second session, and its messages are short.
 
+Access control decides on no interests: their lines are of the router itself, with the first characters of the
+connection's name. Nothing is written about fragments and ends of answers.
+
 A key may hold anything but the first bytes of colours, which Zenoh writes as text. So a line that does not
 begin with a colour is the rest of a key, forged to blame another identity.
 
@@ -26,6 +29,7 @@ ZENOH_VERSION = "1.10.2"
 """Version of Zenoh whose log this reads."""
 FILTER = (
     "off,zenoh::net::routing::interceptor=trace,zenoh::net::routing::interceptor::qos_overwrite=off"
+    ",zenoh::net::routing::hat::router::interests=debug"
     f",{REJECTION_FILTER}"
 )
 """Log filter with which Zenoh tells what is denied and who is rejected."""
@@ -71,6 +75,10 @@ INGRESS = " (ingress) on "
 EGRESS = " (egress) on "
 DROPPED = "interceptor: Msg intercepted!"
 DOWNSAMPLING_TARGET = "\x1b[2mzenoh::net::routing::interceptor::downsampling\x1b"
+INTEREST = "\x1b[1mroute_interest"
+"""Start of lines on interests, behind the thread. Access control decides on none of them."""
+INTEREST_FROM = re.compile(r"\x1b\[3msrc\x1b\[0m\x1b\[2m=\x1b\[0m\S*/(\w+):\d+\x1b")
+"""First characters of the connection's name. They are behind the key, which cannot have such colours."""
 DROP = "interceptor: "
 FROM = ") from:"
 TOO_FREQUENT = re.compile(r"interceptor: (Push|Request)\((.+)\) from:\S*/(\w+):\d+$", re.DOTALL)
@@ -151,6 +159,8 @@ class ZenohTrace:
         """The same of operations that are too long."""
         self._too_frequent: Counter[str] = Counter()
         """Counts by the end of the line."""
+        self._interests: Counter[str] = Counter()
+        """By the first characters of the connection."""
         self._long_lines: Counter[str] = Counter()
         """By connection."""
 
@@ -209,6 +219,9 @@ class ZenohTrace:
         end = line.find(")", start)
         thread = line[start:end]
         allowed = self._allowed.pop(thread, "")
+        if line.startswith(INTEREST, end + 2):
+            self._take_interest(line, times)
+            return
         self._decide_dropped(line, thread)
 
         # A newcomer controls parts of the rest of a line on a handshake.
@@ -251,6 +264,15 @@ class ZenohTrace:
                 operation = line[max(written - ID_LENGTH, 0) : written + len(WRITES)]
         self._writes[operation] += times
         self._count_long_line(line, times)
+
+    def _take_interest(self, line: str, times: int) -> None:
+        """Count a question for all that is declared now or later, such as of a new publisher for readers."""
+        source = INTEREST_FROM.search(line)
+        if source is None:  # the end of an interest
+            return
+        connection = source[1]
+        if connection in self._interests or len(self._interests) < MAX_COUNTED:
+            self._interests[connection] += times
 
     def _take_too_frequent(self, line: str, times: int) -> None:
         text = line[line.find(DROP) :]
@@ -340,8 +362,13 @@ class ZenohTrace:
             operation = Operation(connection, self._name(connection), message, key)
             counts.too_frequent[operation] += count
 
+        for start, count in self._interests.items():
+            connection = self._connection_of(start, "", senders)
+            counts.requests[Operation(connection, self._name(connection), "Interest", "")] += count
+
         # The counts above hold the present counter of long lines itself
         self._long_lines = Counter()
+        self._interests.clear()
         for counter in (self._writes, self._requests, self._denied, self._too_long, self._too_frequent):
             counter.clear()
         return counts

@@ -110,3 +110,41 @@ def test_any_number_of_keys_counts(verdict: str, monkeypatch: pytest.MonkeyPatch
     operations = counts.writes if verdict == "authorized" else counts.denied
     assert sum(by_key(operations).values()) == 100
     assert len(operations) <= 12
+
+
+INTEREST_HEAD = (
+    "\x1b[2m2026-11-30T16:09:48.558589Z\x1b[0m \x1b[34mDEBUG\x1b[0m  rx-0 ThreadId(08) "
+    "\x1b[1mroute_interest\x1b[0m\x1b[1m{\x1b[0m\x1b[3mself\x1b[0m\x1b[2m=\x1b[0mnorth "
+    "\x1b[3m_res\x1b[0m\x1b[2m=\x1b[0mSome("
+)
+INTEREST_END = (
+    "\x1b[1m}\x1b[0m\x1b[2m:\x1b[0m \x1b[2mzenoh::net::routing::hat::router::interests\x1b[0m\x1b[2m:\x1b[0m "
+    "\x1b[3mreturn\x1b[0m\x1b[2m=\x1b[0mResolvedCurrentInterest"
+)
+SOURCE = ") \x1b[3msrc\x1b[0m\x1b[2m=\x1b[0msouth:0:client/"
+"""Parts of a line on an interest, as Zenoh 1.10.2 has written it."""
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "pointit/lab/**",
+        "pointit/lab/x) src=south:0:client/be0000000:1}: zenoh::net::routing::hat::router::interests: return",
+        f"pointit/lab/x {HEAD}be00 is authorized to Put (ingress) on y".replace("\x1b", "\\x1b"),
+        "pointit/lab/caching permissions is unauthorized to Put (ingress) on pointit/lab/users/ben/cursor",
+    ],
+)
+def test_interest_is_counted_for_its_own_connection_whatever_its_key(key: str) -> None:
+    trace = ZenohTrace()
+    name = "fe39da01ec4846fc04a9ef40d9324a1e"
+    who = f"{name} on Interface(lo)+CertCommonName({ANNA})+Transport(Tls)+{name}"
+    trace.take(f"{HEAD}{who} is authorized to Put (ingress) on pointit/lab/users/anna/claim")
+    trace.take(f"{INTEREST_HEAD}{key}{SOURCE}fe39da01:2{INTEREST_END}", 41)
+    trace.take(f"{INTEREST_HEAD}{key}{SOURCE}fe39da01:2{INTEREST_END}")
+    final = INTEREST_HEAD.replace("route_interest", "route_interest_final")
+    trace.take(f"{final}{key}){INTEREST_END}")
+    counts = trace.pop()
+    assert counts.requests == {Operation(name, ANNA, "Interest", ""): 42}
+    assert counts.writes == {Operation(name, ANNA, "Put", "pointit/lab/users/anna/claim"): 1}
+    assert not counts.denied
+    assert not trace.pop().requests

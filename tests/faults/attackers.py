@@ -47,7 +47,8 @@ from tests.support.pace import Patience
 PATIENCE_S = 20.0
 """The same on a machine that is busy with other things."""
 ROUTER = SERVICE
-LARGE = 10_000_000
+LARGE = 1_500_000
+"""More than any message of a site may have, and less than the router puts together."""
 MARK = b"attack"
 """Payload of attackers, which is no message of ours."""
 SECONDS_OF_A_BURST = 0.01

@@ -23,6 +23,8 @@ SHARED = ("pui", "selector", "led-driver", "conveyor-sim", "keeper")
 PERSONAL = ("pointing", "localizer", "supervisor", "user-sim")
 FLOODERS = ("flooder1", "flooder2", "flooder3")
 """Persons who write without limit. Each is cut off for a while, which must not affect other tests."""
+LONG_WRITER = "flooder4"
+"""The same of a person who writes long messages."""
 INSTANCES = (*SHARED, *(f"{name}.{person}" for person in PEOPLE for name in PERSONAL))
 START_S = 120.0
 """Fifteen processes on a busy machine."""
@@ -71,7 +73,7 @@ class Site:
             SITE,
             password=password,
             dashboard_rate_hz=DASHBOARD_HZ if password else 0.0,
-            names={**NAMES, **dict.fromkeys(FLOODERS, "user")},
+            names={**NAMES, **dict.fromkeys((*FLOODERS, LONG_WRITER), "user")},
         )
         self.state = path / "state"
         self.state.mkdir(exist_ok=True)

@@ -174,7 +174,7 @@ def run(commands: Commands, tmp_path: Path) -> HomeRun:
 
 async def title(window: Window, text: str) -> None:
     await expect(window.page.locator("#setup-title")).to_have_text(text)
-    await expect(window.page.locator("#setup-title")).to_be_focused(timeout=5_000)  # so that it is read out
+    await expect(window.page.locator("#setup-title")).to_be_focused()  # so that it is read out
 
 
 async def use(window: Window, name: str) -> None:

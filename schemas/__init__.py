@@ -71,6 +71,8 @@ from pointit.schemas.pointing import (
 from pointit.schemas.requests import (
     AddPackage,
     AddPackageReply,
+    BeginAct,
+    BeginActReply,
     CancelLocalization,
     ClearSelection,
     Done,
@@ -137,7 +139,8 @@ from pointit.schemas.system import (
 
 __all__ = [
     "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "ActOutcome", "ActResult", "ActState", "AddPackage",
-    "AddPackageReply", "Anchor", "Announced", "Bay", "BayCount", "Belt", "BeltLink", "BeltSpeed",
+    "AddPackageReply", "Anchor", "Announced", "Bay", "BayCount",
+    "BeginAct", "BeginActReply", "Belt", "BeltLink", "BeltSpeed",
     "BodyMeasures", "Box", "ButtonEvent", "CancelLocalization", "Candidate", "Claim", "ClearSelection",
     "ClockTick", "Cloud", "Configuration", "ConveyorState", "Cursor", "Cylinder", "DecodeError",
     "Departure", "Deployment", "Done", "Environment", "ExpectedService", "Feedback", "Figure",

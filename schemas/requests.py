@@ -20,7 +20,7 @@ from pointit.schemas.base import (
 )
 from pointit.schemas.person import MAX_WORDS, Deictic, PointingOffset, Referent
 from pointit.schemas.pointing import Covariance, RememberedBias
-from pointit.schemas.selection import ActStatus, SelectionEvent
+from pointit.schemas.selection import ActStatus, FailureCode, SelectionEvent
 
 
 class AddPackage(Query):
@@ -161,6 +161,13 @@ class SetThing(Query):
     is_restored: Annotated[bool, Field(description="state before a restart: nothing reacts")] = False
 
 
+class BeginAct(Query):
+    """Ask whether a carrier may begin an act: it may have been given up while the carrier was cut off."""
+
+    object_id: Id
+    event_ns: Annotated[Ns, Field(description="stamp of the event of the act")]
+
+
 class SetWorkspace(Query):
     """Choose a surface about a person on which their cursor moves, instead of the things of the map."""
 
@@ -217,7 +224,7 @@ class ReadHistory(Query):
 class ReadHistoryReply(Reply):
     """The published events, as far as there is room. The oldest are left out."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     max_bytes: ClassVar[int] = 256 * 1024
 
@@ -373,3 +380,9 @@ class Done(Reply):
             description="of requests to the selector: state of the acts, of the least one; None without acts"
         ),
     ] = None
+
+
+class BeginActReply(Reply):
+    """Answer to a carrier that wants to begin an act, valid for as long as the question could have taken."""
+
+    code: Annotated[FailureCode, Field(description="empty: it may begin; else the reason why not")] = ""

@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Fraction, Id, KeyName, KeyNameOrEmpty, Many, Message, Ns, SchemaModel
+from pointit.schemas.base import Count, Fraction, Id, KeyName, KeyNameOrEmpty, Many, Message, Ns, SchemaModel
 from pointit.schemas.environment import ThingMode
 
 SelectsBy = Literal["stay", "press"]
@@ -26,6 +26,9 @@ NOT_DONE = "not done: "
 """Beginning of the reason of an event that takes back an act that failed."""
 MAX_PRESSED = 4
 """Maximum number of named objects that want a press: more are told by their number."""
+
+BEGIN_WITHIN_S = 6.0
+"""Time after which the selector gives up an act that its carriers have not begun, s."""
 
 REPEATED_REASON = "told again after a restart of the selector"
 """Reason of an event that subscribers may have received before: same object, event, stamp and number."""
@@ -126,7 +129,7 @@ class SelectionManner(Message):
 class SelectionEvent(Message):
     """Something happened to an object: a person (de)selected it, or it left."""
 
-    version: ClassVar[int] = 4
+    version: ClassVar[int] = 5
 
     event: Literal["selected", "deselected", "refused", "left", "dispatched"]
     object_id: Id
@@ -148,6 +151,14 @@ class SelectionEvent(Message):
     ] = ()
     status: Annotated[
         ActStatus | None, Field(description="state of its act; None in old recordings, where `carriers` tell")
+    ] = None
+    begin_within_s: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="time after which the selector gives the act up if it is not begun, by its clock, s. "
+            "Each carrier asks it by `BeginAct` before it begins. None: nobody is to be asked",
+        ),
     ] = None
 
     @property
@@ -191,8 +202,22 @@ class Claim(Message):
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
 
 
+LifeNs = Annotated[
+    Ns,
+    Field(
+        description="start of this life of the carrier, which names it; 0 if it does not count its reports"
+    ),
+]
+Report = Annotated[
+    Count,
+    Field(description="counts the reports of this life, results and states together: a larger one is newer"),
+]
+
+
 class ActResult(Message):
     """Result of an act by one carrier. The act is the selection event of this object with this stamp."""
+
+    version: ClassVar[int] = 2
 
     object_id: Id
     event_ns: Ns
@@ -200,6 +225,8 @@ class ActResult(Message):
     state: Annotated[TargetState, Field(description="state of the thing after it")] = ""
     code: FailureCode = ""
     text: Annotated[str, Field(max_length=500, description="cause of the failure, and the remedy")] = ""
+    life_ns: LifeNs = 0
+    report: Report = 0
 
 
 class ThingState(SchemaModel):
@@ -224,10 +251,16 @@ class ThingState(SchemaModel):
 class ThingStates(Message):
     """All things that a carrier has targets for. An act on one that is unavailable is refused at once."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
     max_bytes: ClassVar[int] = 1024 * 1024
 
     things: Many[ThingState] = ()
+    life_ns: LifeNs = 0
+    report: Report = 0
+    asks_first: Annotated[
+        bool,
+        Field(description="it asks the selector before it begins an act, which is told as such until then"),
+    ] = False
 
 
 class ActOutcome(Message):

@@ -77,6 +77,10 @@ SET_THING = Request(
     key="selector/{user}/set_thing", query=requests.SetThing, reply=requests.Done, server="selector",
     about="fire or switch a thing without pointing: operators only",
 )
+BEGIN_ACT = Request(
+    key="acts/{carrier}/begin", query=requests.BeginAct, reply=requests.BeginActReply, server="selector",
+    about="ask whether an act may begin: only the carrier of that name",
+)
 SET_WORKSPACE = Request(
     key="pui/{user}/set_workspace", query=requests.SetWorkspace, reply=requests.Done, server="pui",
     about="a surface about the person for their cursor",
@@ -145,9 +149,9 @@ SET_UP_HOME = Request(
 REQUESTS: list[Request[Any, Any]] = [
     ADD_PACKAGE, SET_SPEED, SET_FEEDING, RESET_CONVEYOR, START_LOCALIZATION, CANCEL_LOCALIZATION, SET_POSE,
     SET_HEADING, POINT_ANCHOR, SET_OFFSET, CLEAR_SELECTION, UNDO_SELECTION,
-    RELEASE_OBJECT, SET_THING, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP, STOP_ROBOT,
-    FIND_REFERENTS, SEND_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SHOW_PIXELS, SET_LAMP, SET_YAW_ORIGIN,
-    SET_MOUNTING, SAY, SET_UP_HOME,
+    RELEASE_OBJECT, SET_THING, BEGIN_ACT, SET_WORKSPACE, SET_METHOD, READ_HISTORY, SET_TOLERANCE, USE_MAP,
+    STOP_ROBOT, FIND_REFERENTS, SEND_ROBOT, RUN_SCENARIO, SET_BRIGHTNESS, SHOW_PIXELS, SET_LAMP,
+    SET_YAW_ORIGIN, SET_MOUNTING, SAY, SET_UP_HOME,
 ]
 # fmt: on
 """All requests. Services of other packages add theirs when they are loaded."""
@@ -156,7 +160,8 @@ REQUESTS: list[Request[Any, Any]] = [
 # tables: each row takes as few lines as it needs
 # fmt: off
 __all__ = [
-    "ACCOUNTS", "ACT_RESULTS", "ADD_PACKAGE", "ANCHOR", "ANNOUNCED", "ANY", "BUTTON", "CANCEL_LOCALIZATION",
+    "ACCOUNTS", "ACT_RESULTS", "ADD_PACKAGE", "ANCHOR", "ANNOUNCED", "ANY", "BEGIN_ACT", "BUTTON",
+    "CANCEL_LOCALIZATION",
     "CARRIER_ALIVE", "CLAIM", "CLEAR_SELECTION", "CLOCK", "CONFIGURATION", "CONVEYOR_STATE", "CURSOR",
     "DEPLOYMENT", "FEEDBACK", "FIND_REFERENTS", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION",
     "KEEPER_ALIVE", "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MANNER", "MAP", "MAX_AGE_PERIODS",

@@ -205,6 +205,7 @@ PROCESSES: list[Process] = [
         ),
         serves=(
             topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
+            topics.BEGIN_ACT,
             topics.SET_METHOD, topics.READ_HISTORY,
         ),
     ),

@@ -16,6 +16,7 @@ from pointit.schemas.topics import (
     ACCOUNTS,
     ACT_RESULTS,
     ANY,
+    BEGIN_ACT,
     BUTTON,
     CARRIER_ALIVE,
     CLOCK,
@@ -84,7 +85,7 @@ OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, SET_UP
 """Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
 OF_CARRIERS: tuple[Topic[Any], ...] = (THING_STATES, ACT_RESULTS)
 """Topics that only the service of that name and operators write: a false state blocks a thing, a false result
-lies about it."""
+lies about it. Only it asks whether it may begin an act (`BEGIN_ACT`)."""
 FOR_ALL = (STOP_ROBOT,)
 """Requests of all roles: who sees a robot may stop it."""
 FOR_MEMBERS = (READ_HISTORY, *FOR_ALL)
@@ -157,7 +158,9 @@ def _bridge(name: str) -> Rights:
     writes = [*_anywhere([row.writes])]
     for topic in ACCOUNTS:
         writes += _numbered(topic.at(name))
-    of_others = OF_PEOPLE if name == "web" else (*OF_PEOPLE, *OF_OPERATORS)
+    of_others = (*OF_PEOPLE, BEGIN_ACT)
+    if name != "web":
+        of_others = (*of_others, *OF_OPERATORS)
     requests = [request for request in REQUESTS if request not in of_others]
     return Rights(
         writes=_sorted(writes),
@@ -242,7 +245,7 @@ def _service(name: str) -> Rights:
         writes=_sorted([*_written(rows), *_health_publishers(rows)]),
         reads=_anywhere(row.reads for row in rows),
         serves=_anywhere(row.serves for row in rows),
-        asks=_anywhere([FOR_MEMBERS, _asked(rows)]),
+        asks=_sorted([*_anywhere([FOR_MEMBERS, _asked(rows)]), *_begun(rows)]),
         announces=_sorted(announces),
     )
 
@@ -286,6 +289,11 @@ def _carriers(rows: Iterable[Process]) -> list[str]:
     return [CARRIER_ALIVE.at(row.name) for row in rows if THING_STATES in row.writes]
 
 
+def _begun(rows: Iterable[Process]) -> list[str]:
+    """Return the keys by which those of `rows` that write states of things ask whether an act may begin."""
+    return [BEGIN_ACT.at(row.name) for row in rows if THING_STATES in row.writes]
+
+
 def _services() -> Rights:
     # A service that has an identity of its own is present and reports, but the others lack its rights
     shared = shared_services()
@@ -300,7 +308,7 @@ def _services() -> Rights:
         writes=_sorted([*_written(common), *site_writes, *_health_publishers(shared)]),
         reads=_anywhere(reads),
         serves=_anywhere(serves),
-        asks=_anywhere([FOR_MEMBERS, _asked(common)]),
+        asks=_sorted([*_anywhere([FOR_MEMBERS, _asked(common)]), *_begun(common)]),
         keeps=_anywhere([states]),
         announces=_sorted(announces),
     )

@@ -1,13 +1,14 @@
 """Acts whose result their carriers have not reported yet, and the states that they report. Pure."""
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
 from pointit.runtime.host.advised_commands import advised_commands
-from pointit.schemas import NS_PER_S, ActOutcome, ActResult, ThingState, ThingStates
+from pointit.schemas import NS_PER_S, ActOutcome, ActResult, BeginAct, ThingState, ThingStates
 from pointit.schemas.environment import ThingMode
-from pointit.schemas.selection import FailureCode, ResultKind
+from pointit.schemas.selection import BEGIN_WITHIN_S, FailureCode, ResultKind
 from pointit.services.selector.selection_publisher import Record
 
 MARGIN_S = 1.0
@@ -20,7 +21,9 @@ MAX_AWAITED_NS = 2 * NS_PER_S
 """Time for which acts wait for a carrier of which not all is known, ns. A round trip to it takes less."""
 
 MAX_LATE_NS = 10 * NS_PER_S
-"""Time by which a report of a carrier may be overtaken by its next one, ns."""
+"""Time by which a report of a carrier that does not count may be overtaken by its next one, ns."""
+MAX_LIVES = 8
+"""Number of former lives of a carrier whose late reports are recognized."""
 
 
 @dataclass
@@ -31,11 +34,14 @@ class PendingAct:
     waits_for: dict[str, bool]
     """Carriers without a final result, and whether it runs for long in each."""
     began_ns: int = 0
-    """Time of the first check, ns. 0 until then."""
+    """Time of the first check since it was published, or since a carrier was allowed to begin, ns. 0 until
+    then."""
     is_newest: bool = True
     """False if its object has changed since."""
     is_reported: bool = False
     """True if its start was reported."""
+    begun: set[str] = field(default_factory=set[str])
+    """Carriers that may have begun it. Of others it is certain that they have not, and will not."""
     problem: tuple[FailureCode, str] = ("", "")
     """FailureCode and sentence of the first carrier that failed."""
 
@@ -77,6 +83,49 @@ class PendingAct:
         )
 
 
+class _ReportOrder:
+    """Order of the reports of one carrier, results and states, which may overtake each other.
+
+    A carrier counts its reports, so no clock matters. Those that do not count are in order by arrival within
+    states and within results; between the two, by stamps.
+    """
+
+    def __init__(self) -> None:
+        self._life_ns = 0
+        """Life of the newest report. 0 if the carrier does not count."""
+        self._ended_lives: deque[int] = deque(maxlen=MAX_LIVES)
+        self._newest: dict[str, ActResult | ThingStates] = {}
+        """Newest report of each thing."""
+
+    def is_newer(self, thing: str, report: ActResult | ThingStates) -> bool:
+        """Return True if a report on a thing is not older than the newest one, and note it."""
+        if report.life_ns != self._life_ns:
+            if report.life_ns in self._ended_lives:
+                return False
+            if self._life_ns:
+                self._ended_lives.append(self._life_ns)
+            self._life_ns = report.life_ns
+            self._newest.clear()
+        newest = self._newest.get(thing)
+        if newest is not None and _has_overtaken(newest, report):
+            return False
+        self._newest[thing] = report
+        return True
+
+    def keep(self, things: Container[str]) -> None:
+        """Forget the reports of all other things."""
+        self._newest = {thing: report for thing, report in self._newest.items() if thing in things}
+
+
+def _has_overtaken(newest: ActResult | ThingStates, report: ActResult | ThingStates) -> bool:
+    """Return True if `newest` is newer than `report`, which came after it and is of the same life."""
+    if report.life_ns:
+        return report.report < newest.report
+    if isinstance(report, ActResult) is isinstance(newest, ActResult):
+        return False
+    return 0 < newest.stamp_ns - report.stamp_ns <= MAX_LATE_NS
+
+
 @dataclass
 class _Carrier:
     states: dict[str, ThingState] = field(default_factory=dict[str, ThingState])
@@ -86,23 +135,13 @@ class _Carrier:
     """True until it is known whether it runs, and what its states are; for `MAX_AWAITED_NS` at most."""
     awaited_ns: int = 0
     """Time of the first check in which it was awaited, ns. 0 if there was none."""
-    newest_ns: dict[str, int] = field(default_factory=dict[str, int])
-    """Stamp of the newest report of each thing, a result or a state. Older ones are out of date."""
+    asks_first: bool = False
+    """True if it asks before it begins an act."""
+    order: _ReportOrder = field(default_factory=_ReportOrder)
     is_present: bool | None = None
     """False if it has ended without taking leave, None if its presence was never seen."""
     absent_ns: int = 0
     """Time of the first check in which it was absent, ns. 0 if there was none."""
-
-    def is_newer(self, thing: str, stamp_ns: int) -> bool:
-        """Return True if a report of this stamp is not older than the newest one, and note it.
-
-        One that is older by more than `MAX_LATE_NS` is newer: the carrier's clock was set back.
-        """
-        late_ns = self.newest_ns.get(thing, 0) - stamp_ns
-        if 0 < late_ns <= MAX_LATE_NS:
-            return False
-        self.newest_ns[thing] = stamp_ns
-        return True
 
 
 class Acts:
@@ -209,14 +248,36 @@ class Acts:
                 names.append(name)
         record = record._replace(carriers=" ".join(names))
         if names:
-            self.resume(record, is_newest=True)
+            act = self._wait_for(record, is_newest=True)
+            act.begun.update(name for name in names if not self._carriers[name].asks_first)
         return record
 
     def resume(self, record: Record, *, is_newest: bool) -> None:
+        """Wait for the carriers of the act of `record` from before a restart, which may have begun it."""
+        act = self._wait_for(record, is_newest=is_newest)
+        act.begun.update(act.waits_for)
+
+    def _wait_for(self, record: Record, *, is_newest: bool) -> PendingAct:
         """Wait for the carriers of `record`."""
         waits_for = dict.fromkeys(record.carriers.split(), False)
         act = PendingAct(record, waits_for, is_newest=is_newest)
         self._pending[act.key] = act
+        return act
+
+    def allow(self, carrier: str, query: BeginAct) -> tuple[FailureCode, str]:
+        """Let a carrier begin an act. Return the code and reason if it may not, because it has failed.
+
+        The limit of the act counts from now on.
+        """
+        act = self._pending.get((query.object_id, query.event_ns))
+        if act is None or carrier not in act.waits_for:
+            return "no_answer", f"it was given up before {carrier} could begin: point again"
+        code, _reason = act.problem
+        if code:
+            return act.problem
+        act.begun.add(carrier)
+        act.began_ns = 0
+        return "", ""
 
     def on_result(self, carrier: str, result: ActResult) -> PendingAct | None:
         """Note a result. Return the act if it is complete, or runs for long in all that are left."""
@@ -230,7 +291,7 @@ class Acts:
         if carrier is None:
             return
         state = carrier.states.get(result.object_id)
-        if state is None or not carrier.is_newer(state.id, result.stamp_ns):
+        if state is None or not carrier.order.is_newer(state.id, result):
             return
         carrier.states[state.id] = state.model_copy(update={"state": result.state})
 
@@ -253,22 +314,22 @@ class Acts:
         new_states: dict[str, ThingState] = {}
         for state in states.things:
             new_state = state
-            if not known_carrier.is_newer(state.id, states.stamp_ns):  # a result has overtaken this report
+            if not known_carrier.order.is_newer(state.id, states):  # a result has overtaken this report
                 new_state = previous_states.get(state.id, state)
             new_states[state.id] = new_state
         known_carrier.states = new_states
         known_carrier.has_reported = True
+        known_carrier.asks_first = states.asks_first
         if known_carrier.is_present:
             known_carrier.is_awaited = False
         self._note_carried()
-        known_carrier.newest_ns = {name: known_carrier.newest_ns[name] for name in new_states}
+        known_carrier.order.keep(new_states)
         return {name for name, state in previous_states.items() if state.state in ("on", "off")}
 
     def on_presence(self, carrier: str, *, present: bool) -> list[PendingAct]:
         """Note that a carrier runs, or has ended. Return the acts that have failed by that."""
         known_carrier = self._carriers.setdefault(carrier, _Carrier())
         known_carrier.is_present = present
-        known_carrier.newest_ns.clear()
         known_carrier.awaited_ns = 0
         if present:
             known_carrier.is_awaited = not known_carrier.has_reported
@@ -281,33 +342,50 @@ class Acts:
         self._note_carried()
 
         # What it had to do has failed, at once or when the last of the others has reported
-        text = f"{carrier} has ended before it was done: start it again"
-        problem: tuple[FailureCode, str] = ("unavailable", text)
         failed: list[PendingAct] = []
         for act in list(self._pending.values()):
-            if carrier in act.waits_for and self._end(act, carrier, problem) is not None:
+            if carrier not in act.waits_for:
+                continue
+            text = f"{carrier} has ended before it began: start it again"
+            if carrier in act.begun:
+                text = (
+                    f"{carrier} has ended before it told the result: look if it is done, and start it again"
+                )
+            if self._end(act, carrier, ("unavailable", text)) is not None:
                 failed.append(act)
         return failed
 
     def expire(self, now_ns: int, speed: float) -> list[PendingAct]:
         """Return the acts whose carriers have not reported in time. `speed`: of the site's time."""
         self._follow_clock(now_ns, speed)
+        doctor = advised_commands().command("pointit doctor")
         late: list[PendingAct] = []
-        for act in self._pending.values():
+        for act in list(self._pending.values()):
             act.began_ns = act.began_ns or now_ns
-            limit_ns = (MARGIN_S + self._limit_s(act)) * speed * NS_PER_S
-            if now_ns - act.began_ns > limit_ns:
+            passed_s = (now_ns - act.began_ns) / NS_PER_S / speed
+            if passed_s > BEGIN_WITHIN_S and self._end_unbegun(act, doctor):
                 late.append(act)
-
-        for act in late:
-            self._end_where_done(act)
-            names = ", ".join(sorted(act.waits_for))
-            if names:
-                doctor = advised_commands().command("pointit doctor")
-                text = f"{names} did not report the result in time: look at {doctor}"
-                act.problem = ("no_answer", text)
-            self._pending.pop(act.key, None)
+            elif passed_s > MARGIN_S + self._limit_s(act):
+                self._end_late(act, doctor)
+                late.append(act)
         return late
+
+    def _end_unbegun(self, act: PendingAct, doctor: str) -> bool:
+        """End a late act for the carriers that have not begun it. Return True if none is left."""
+        unbegun = [name for name in act.waits_for if name not in act.begun]
+        for name in unbegun:
+            text = f"{name} did not begin in time: look at {doctor}"
+            if self._end(act, name, ("no_answer", text)) is not None:
+                return True
+        return False
+
+    def _end_late(self, act: PendingAct, doctor: str) -> None:
+        """End an act whose carriers have not reported its result in time."""
+        self._end_where_done(act)
+        names = ", ".join(sorted(act.waits_for))
+        if names:
+            act.problem = ("no_answer", f"{names} did not report the result in time: look at {doctor}")
+        self._pending.pop(act.key, None)
 
     def _end_where_done(self, act: PendingAct) -> None:
         """End a late act for each carrier whose thing has the wanted state.

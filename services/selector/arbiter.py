@@ -73,7 +73,8 @@ class Arbiter:
         self._ledger = ownership.ledger
         self._reservations = ownership.reservations
         self._positions = ownership.positions
-        self._acts = ownership.acts
+        self.acts = ownership.acts
+        """Carriers of things and their acts, which readers may ask. Changed here alone."""
         self._act_states = ActStates()
         self._latch = latch
         self._departures = Departures(config.unseen_after_s)
@@ -140,9 +141,9 @@ class Arbiter:
         for user, stamp_ns in decided:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:
-            self._acts.resume(record, is_newest=is_newest)
+            self.acts.resume(record, is_newest=is_newest)
             self._act_states.begin(record, record.stamp_ns)
-        self._acts.expect(carried)
+        self.acts.expect(carried)
 
     def repeat_outcomes(self, outcomes: Iterable[ActOutcome]) -> list[OutgoingMessage]:
         """Return the messages of outcomes that may not have been published before a restart."""
@@ -152,10 +153,6 @@ class Arbiter:
             outputs.append(self._publisher.outcome(outcome.model_copy(update={"is_repeated": True})))
         return outputs
 
-    def is_pending(self, object_id: str) -> bool:
-        """Return True if the result of an act on the object is not known yet."""
-        return self._acts.is_pending(object_id)
-
     def knows_things(self, *things: str) -> bool:
         """Return True if it is known of these things and all that is selected where they are and who acts.
 
@@ -163,12 +160,7 @@ class Arbiter:
         """
         objects = self._positions.objects
         is_listed = all(name in objects for name in (*things, *self._ledger.entries))
-        return is_listed and self._positions.has_trackers and not self._acts.is_awaiting
-
-    @property
-    def carried(self) -> frozenset[tuple[str, str]]:
-        """Return things and their carriers. The same object if nothing has changed."""
-        return self._acts.carried
+        return is_listed and self._positions.has_trackers and not self.acts.is_awaiting
 
     @property
     def has_selected(self) -> bool:
@@ -183,7 +175,7 @@ class Arbiter:
         objects: list[SelectedObject] = []
         for selected in self._ledger.objects():
             # several acts may end at once, and are told one after the other
-            is_pending = self._acts.is_pending(selected.id) or self._act_states.is_asked(selected.id)
+            is_pending = self.acts.is_pending(selected.id) or self._act_states.is_asked(selected.id)
             if is_pending:
                 objects.append(selected.model_copy(update={"is_pending": True}))
             else:
@@ -282,7 +274,7 @@ class Arbiter:
         """
         if not self._budget.allows(user, claim, now_ns):
             return []
-        is_known = self._positions.has_trackers and not self._acts.is_awaited(claim.object_id)
+        is_known = self._positions.has_trackers and not self.acts.is_awaited(claim.object_id)
         if claim.wish == "toggle" and not is_known:
             return []
         self.on_activity(user, now_ns)
@@ -300,10 +292,6 @@ class Arbiter:
     def excess(self, now_ns: int) -> str:
         """Return a warning about people whose claims are ignored, or `""`."""
         return self._budget.problem(now_ns)
-
-    def carrier_warnings(self) -> dict[str, str]:
-        """Return a warning about each carrier that cannot carry out acts."""
-        return self._acts.carrier_warnings()
 
     def _refusal(self, user: str, claim: Claim, now_ns: int) -> str:
         """Return the reason for which a claim of a shard cannot be granted, or `""`."""
@@ -353,7 +341,7 @@ class Arbiter:
 
     def on_result(self, carrier: str, result: ActResult, now_ns: int) -> list[OutgoingMessage]:
         """Note the result of an act by a carrier."""
-        act = self._acts.on_result(carrier, result)
+        act = self.acts.on_result(carrier, result)
         return [] if act is None else self._conclude(act, now_ns)
 
     def on_states(self, carrier: str, states: ThingStates, now_ns: int) -> list[OutgoingMessage]:
@@ -361,13 +349,13 @@ class Arbiter:
 
         They have the last results, too, which it may have reported while no selector ran.
         """
-        known_things = self._acts.on_states(carrier, states)
+        known_things = self.acts.on_states(carrier, states)
 
         # All are noted before the first is concluded, which follows the targets of all others
         ended_acts: list[PendingAct] = []
         for state in states.things:
             if state.last:
-                act = self._acts.settle(carrier, state.last)
+                act = self.acts.settle(carrier, state.last)
                 if act is not None:
                     ended_acts.append(act)
         outputs: list[OutgoingMessage] = []
@@ -378,7 +366,7 @@ class Arbiter:
     def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[OutgoingMessage]:
         """Note that a carrier runs, or has ended."""
         outputs: list[OutgoingMessage] = []
-        for act in self._acts.on_presence(carrier, present=present):
+        for act in self.acts.on_presence(carrier, present=present):
             outputs += self._conclude(act, now_ns)
         return outputs + self._follow_targets(now_ns)
 
@@ -419,7 +407,7 @@ class Arbiter:
         if self._positions.mode(object_id) == "button":
             return self._end_failed_button(act, now_ns)
         wanted_state = "on" if act.event == "selected" else "off"
-        if self._acts.has_state(object_id, wanted_state):
+        if self.acts.has_state(object_id, wanted_state):
             return []
         if not act.is_newest:
             return []
@@ -448,7 +436,7 @@ class Arbiter:
     def _follow_targets(self, now_ns: int, changed: Collection[str] = ()) -> list[OutgoingMessage]:
         """Give switches the states that their targets report. Others react to those of `changed`."""
         outputs: list[OutgoingMessage] = []
-        for thing, carrier, is_on in self._acts.reported():
+        for thing, carrier, is_on in self.acts.reported():
             tracked = self._positions.objects.get(thing)
             if tracked is None or tracked.mode != "switch":
                 continue
@@ -473,7 +461,7 @@ class Arbiter:
         self._has_changed |= self._reservations.expire(now_ns)
         outputs = self._end_shown_buttons(now_ns)
         self._has_changed |= bool(outputs)
-        for act in self._acts.expire(now_ns, max(1.0, self.speed)):
+        for act in self.acts.expire(now_ns, max(1.0, self.speed)):
             outputs += self._conclude(act, now_ns)
         outputs += self._follow_targets(now_ns)
         return outputs + (self.depart(now_ns) or self.changed_selection(now_ns))
@@ -562,7 +550,7 @@ class Arbiter:
         """Free and journal objects that have left. Return the selection if there are any."""
         for record in records:
             self._reservations.free(record.object_id)
-            self._acts.replace(record.object_id, "claim")
+            self.acts.replace(record.object_id, "claim")
             self._act_states.forget((record.object_id,))
             self._publisher.write(record)
         if not records:
@@ -580,9 +568,9 @@ class Arbiter:
                 continue
             mode = self._positions.mode(change.object_id)
             for record in change.records:
-                for act in self._acts.replace(record.object_id, mode):
+                for act in self.acts.replace(record.object_id, mode):
                     earlier_outputs += self._conclude(act, now_ns, record.user)
-                events.append(self._acts.begin(record, mode))
+                events.append(self.acts.begin(record, mode))
         for record in events:
             self._act_states.begin(record, now_ns)
 

@@ -17,6 +17,8 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import (
     ActOutcome,
     ActResult,
+    BeginAct,
+    BeginActReply,
     Claim,
     ClearSelection,
     ConveyorState,
@@ -129,6 +131,7 @@ class SiteRole:
         self._bus.serve(topics.UNDO_SELECTION, self._undo)
         self._bus.serve(topics.RELEASE_OBJECT, self._release)
         self._bus.serve(topics.SET_THING, self._set_thing)
+        self._bus.serve(topics.BEGIN_ACT, self._begin_act)
         self._bus.serve(topics.SET_METHOD, self._set_method)
         history = History(self._journal.path if self._has_journal else None)
         self._bus.serve(topics.READ_HISTORY, history.answer)
@@ -144,7 +147,7 @@ class SiteRole:
         for _user, message in outputs:
             if isinstance(message, ActOutcome) and message.result != "started":
                 self._journal.add(message)
-        self._journal.keep_carried(self.engine.carried)
+        self._journal.keep_carried(self.engine.acts.carried)
         self._journal.commit(self._clock.now_ns())
         self._changed.set()
 
@@ -172,8 +175,8 @@ class SiteRole:
         """Maintain the journal, and warn about excessive claims and refused acts. Called periodically."""
         self._bus.warn("claims", self.engine.excess(now_ns))
         previous_warnings = self._carrier_warnings
-        self._carrier_warnings = self.engine.carrier_warnings()
-        for carrier in {*previous_warnings, *self._carrier_warnings}:
+        self._carrier_warnings = self.engine.acts.carrier_warnings()
+        for carrier in {**previous_warnings, **self._carrier_warnings}:  # in their order, not that of a set
             self._bus.warn(REFUSED_ACTS, self._carrier_warnings.get(carrier, ""), carrier)
         self._publish_manner(now_ns)
         self._maintain_journal(now_ns)
@@ -246,7 +249,7 @@ class SiteRole:
         if outputs:
             return await self._reply(outputs, _done_message(outputs), answer_by_s)
         state = "on" if query.on else "off"
-        if self.engine.is_pending(query.thing):
+        if self.engine.acts.is_pending(query.thing):
             message = f"{query.thing} is being switched {state}: its result is not told yet"
             return Done(message=message, status="asked")
         return Done(message=f"{query.thing} is {state} already", status="done")
@@ -298,6 +301,10 @@ class SiteRole:
             for key in futures:
                 del self._waiting[key]
         return {key: future.result() for key, future in futures.items() if future.done()}
+
+    async def _begin_act(self, query: BeginAct, carrier: str) -> BeginActReply:
+        code, reason = self.engine.acts.allow(carrier, query)
+        return BeginActReply(message=reason or "it may begin", code=code)
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:

@@ -19,7 +19,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.base import Count, Fraction, Ns
 from pointit.schemas.cues import SIGNS
-from pointit.schemas.selection import REPEATED_REASON, ActStatus
+from pointit.schemas.selection import BEGIN_WITHIN_S, REPEATED_REASON, ActStatus
 
 Event = Literal["selected", "deselected", "refused", "left"]
 
@@ -159,7 +159,11 @@ class SelectionPublisher:
         seq = self._count("event")
         self.write(record, seq)
         message = event_of(record._replace(carriers=f"{record.carriers} {others}".strip()), seq)
-        return [] if message is None else [OutgoingMessage("", message)]
+        if message is None:
+            return []
+        if record.carriers:
+            message = message.model_copy(update={"begin_within_s": BEGIN_WITHIN_S})
+        return [OutgoingMessage("", message)]
 
     def outcome(self, outcome: ActOutcome) -> OutgoingMessage:
         """Return the message of the result of an act."""

@@ -11,20 +11,32 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError
+from pointit.runtime.errors import AccessDeniedError, ConfigError, NoAnswerError, PointItError
 from pointit.runtime.service.pause_watch import PauseWatch
-from pointit.schemas import NS_PER_S, ActResult, Environment, SelectionEvent, ThingState, ThingStates
+from pointit.schemas import (
+    NS_PER_S,
+    ActResult,
+    BeginAct,
+    Environment,
+    SelectionEvent,
+    ThingState,
+    ThingStates,
+)
 from pointit.schemas.selection import REPEATED_REASON, FailureCode, ResultKind, TargetState
 from pointit.schemas.text import hide_secrets, one_line
-from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
+from pointit.schemas.topics import ACT_RESULTS, BEGIN_ACT, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
 
 log = logging.getLogger(__name__)
 
 MAX_AT_ONCE = 8
 """Maximum number of acts on one thing that run at once. Further ones fail as `busy`."""
 MAX_ACT_AGE_S = 6.0
-"""Largest age of an event that is carried out, s. The selector grants claims that are 5 s old. Of older ones
-people have been told that they failed: this process was stopped or cut off."""
+"""Largest age of an event that is carried out if nobody is to be asked, s, by two machines' clocks."""
+ASK_TIMEOUT_S = 2.0
+"""Time within which the selector has to answer whether an act may begin, s. It takes a carrier for dead after
+3 s without a sign, so what it has answered less than 2 s after it was asked still holds."""
+ASK_AGAIN_S = 0.1
+"""Pause before it is asked again, s: none may be there, as it starts again."""
 MAX_TEXT = 300
 
 
@@ -85,6 +97,8 @@ class Carrier:
         self._name = name
         self._targets: Mapping[str, Sequence[Target]] = {}
         self._running: dict[asyncio.Task[None], Act] = {}
+        self._waiting: dict[tuple[str, int], Collection[asyncio.Task[None]]] = {}
+        """Acts that have not begun, by object and stamp, and the earlier acts that they have ended."""
         self._pause_watch = PauseWatch()
         """Watches this process while an act runs."""
         self._results: dict[str, ActResult] = {}
@@ -92,6 +106,10 @@ class Carrier:
         self._failed: dict[str, Sequence[Target]] = {}
         """Targets of each thing that have reported that they did not do its last act."""
         self._last_states: tuple[ThingState, ...] | None = None
+        self._life_ns = clock.now_ns()
+        """Name of this life in the reports, whatever the clock does."""
+        self._reports = 0
+        """Number of reports, results and states together, by which readers put them in order."""
         self._states = bus.publisher(THING_STATES, name)
         self._result_publisher = bus.publisher(ACT_RESULTS, name)
         self._subscription = bus.subscribe(SELECTION_EVENTS, self._on_event)
@@ -120,7 +138,15 @@ class Carrier:
         things = tuple(states)
         if things != self._last_states:
             self._last_states = things
-            self._states.put(ThingStates(stamp_ns=self._clock.now_ns(), things=things))
+            self._reports += 1
+            states_message = ThingStates(
+                stamp_ns=self._clock.now_ns(),
+                things=things,
+                life_ns=self._life_ns,
+                report=self._reports,
+                asks_first=True,
+            )
+            self._states.put(states_message)
 
     async def close(self) -> None:
         """End all acts, which have then failed, and leave: its things have no carrier any more."""
@@ -137,9 +163,11 @@ class Carrier:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         if self._name not in event.carriers or event.reason.endswith(REPEATED_REASON):
             return  # whether it was carried out before the selector was started again is not known
-        # An event that was long on its way would surprise: people have pointed again by now, or given up
+        # An event that was long on its way would surprise: people have pointed again by now, or given up. The
+        # selector knows, and is asked. If nobody decides on it, its age counts
         age_s = (self._clock.now_ns() - event.stamp_ns) / NS_PER_S / max(1.0, self._clock.speed)
-        if age_s > MAX_ACT_AGE_S and not event.takes_back:
+        is_decided_by_age = event.begin_within_s is None and not event.takes_back
+        if is_decided_by_age and age_s > MAX_ACT_AGE_S:
             self._failed[event.object_id] = self._targets.get(event.object_id, ())
             late = (
                 f"it reached {self._name} {age_s:.0f} s late: point again, or set the clocks of both machines"
@@ -173,10 +201,12 @@ class Carrier:
         work = self._carry_out(act, replaced, received_s)
         task = asyncio.create_task(work, name=f"act on {act.thing}")
         self._running[task] = act
+        self._waiting[_key(event)] = replaced
         task.add_done_callback(self._on_act_ended)
 
     def _on_act_ended(self, task: asyncio.Task[None]) -> None:
-        del self._running[task]
+        act = self._running.pop(task)
+        self._waiting.pop(_key(act.event), None)
         if not self._running:
             self._pause_watch.stop()
 
@@ -196,12 +226,72 @@ class Carrier:
             raise ActFailedError("no_answer", f"not done within {limit_s:g} s")
 
     def _cancel_act(self, task: asyncio.Task[None], problem: ActFailedError) -> None:
-        if not task.cancelling() and task.cancel():
-            self._tell_result(self._running[task].event, problem)
+        if task.cancelling() or not task.cancel():
+            return
+        act = self._running[task]
+        earlier = self._waiting.pop(_key(act.event), None)
+        if earlier is not None:
+            self._note_not_begun(act, earlier)
+        self._tell_result(act.event, problem)
+
+    async def _ask_selector(self, event: SelectionEvent) -> None:
+        """Return when the selector lets the act of `event` begin.
+
+        Only it knows what people were told: this process may have been cut off, or the event long on its way.
+
+        Raises:
+            ActFailedError: If the act was given up, or the selector does not answer until it would do so.
+        """
+        if event.begin_within_s is None or event.takes_back:
+            return
+        loop = asyncio.get_running_loop()
+        query = BeginAct(object_id=event.object_id, event_ns=event.stamp_ns)
+        end_s = loop.time() + event.begin_within_s
+        problem: PointItError | None = None
+        while loop.time() < end_s:
+            asked_s = loop.time()
+            try:
+                reply = await self._bus.call(BEGIN_ACT, query, self._name, timeout_s=ASK_TIMEOUT_S)
+            except AccessDeniedError as error:
+                raise ActFailedError(
+                    "error", f"this carrier may not ask whether it may begin: {error}"
+                ) from error
+            except NoAnswerError as error:  # the selector is being started, or the link is cut
+                problem = error
+                await asyncio.sleep(ASK_AGAIN_S)
+                continue
+            except PointItError as error:
+                raise ActFailedError("error", f"the selector did not let it begin: {error}") from error
+            is_outdated = loop.time() - asked_s > ASK_TIMEOUT_S  # this process stood still
+            if is_outdated:
+                continue
+            if reply.code:
+                raise ActFailedError(reply.code, reply.message)
+            return
+        text = "the selector did not say whether it may begin: point again"
+        raise ActFailedError("no_answer", text) from problem
+
+    async def _wait_for_turn(self, act: Act, earlier: Collection[asyncio.Task[None]]) -> None:
+        """Return when an act may begin: now, or when the `earlier` ones on its thing have ended.
+
+        Raises:
+            ActFailedError: If it was given up before.
+        """
+        await self._ask_selector(act.event)
+        if not earlier:
+            return
+        # The newest one counts: none of them may change its target after it. That may take them long, so
+        # whether it still counts is asked again
+        await asyncio.wait(earlier)
+        await self._ask_selector(act.event)
 
     async def _carry_out(self, act: Act, earlier: Collection[asyncio.Task[None]], received_s: float) -> None:
-        if earlier:  # the newest one counts: none of them may change its target after it
-            await asyncio.wait(earlier)
+        problem: ActFailedError | None = None
+        try:
+            await self._wait_for_turn(act, earlier)
+        except ActFailedError as error:
+            problem = error
+        self._waiting.pop(_key(act.event), None)
         targets = self._targets.get(act.thing, ())
         failed = self._failed.pop(act.thing, ())
         if act.event.takes_back:
@@ -210,16 +300,15 @@ class Carrier:
             if not targets:
                 return
         if not targets:
-            problem = ActFailedError("unavailable", "it has no target any more: point again")
+            gone = ActFailedError("unavailable", "it has no target any more: point again")
+            self._tell_result(act.event, gone)
+            return
+        problem = problem or self._late_problem(act)
+        if problem is not None:
+            self._note_not_begun(act, earlier)
             self._tell_result(act.event, problem)
             return
         limit_s = _merged(act.thing, targets).limit_s
-        try:
-            act.check_in_time()  # it has waited for the loop, and for the earlier ones
-        except ActFailedError as problem:
-            self._failed[act.thing] = targets
-            self._tell_result(act.event, problem)
-            return
         end_s = received_s + limit_s
         results: list[BaseException | None] = []
         try:
@@ -238,6 +327,22 @@ class Carrier:
         failure = None if first_error is None else _failure(act, first_error)
         self._tell_result(act.event, failure)
 
+    def _late_problem(self, act: Act) -> ActFailedError | None:
+        """Return the problem of an act that has waited too long for its turn, or None."""
+        try:
+            act.check_in_time()
+        except ActFailedError as error:
+            return error
+        return None
+
+    def _note_not_begun(self, act: Act, earlier: Collection[asyncio.Task[None]]) -> None:
+        """Note that an act was not begun, so that there is nothing to take back.
+
+        If it has ended `earlier` ones, the state that these have left is to be taken back.
+        """
+        if not earlier:
+            self._failed[act.thing] = self._targets.get(act.thing, ())
+
     def _tell_result(self, event: SelectionEvent, problem: ActFailedError | None) -> None:
         self.done += problem is None
         self.failed += problem is not None
@@ -255,6 +360,7 @@ class Carrier:
         if problem is not None:
             code = problem.code
             text = one_line(hide_secrets(str(problem)), MAX_TEXT)
+        self._reports += 1
         act_result = ActResult(
             stamp_ns=self._clock.now_ns(),
             object_id=event.object_id,
@@ -263,6 +369,8 @@ class Carrier:
             state=state,
             code=code,
             text=text,
+            life_ns=self._life_ns,
+            report=self._reports,
         )
         if targets and result != "started":
             self._results[event.object_id] = act_result
@@ -282,6 +390,11 @@ async def check_carrier(bus: MemoryBus, name: str) -> None:
         raise AccessDeniedError(denied)
     if name in await bus.list_present(CARRIER_ALIVE):
         raise ConfigError(f"{name} carries out acts on these things already: end the other process")
+
+
+def _key(event: SelectionEvent) -> tuple[str, int]:
+    """Return the number of the act of an event: its object and stamp."""
+    return event.object_id, event.stamp_ns
 
 
 def _failure(act: Act, error: BaseException) -> ActFailedError:

@@ -116,10 +116,11 @@ class Shop:
 
 
 @asynccontextmanager
-async def shop(**devices: Device) -> AsyncGenerator[Shop]:
+async def shop(*, has_carrier: bool = True, **devices: Device) -> AsyncGenerator[Shop]:
     made = Shop(LocalBroker(), **devices)
     made.bench.put(topics.MAP, ROOM)
-    made.start_carrier()
+    if has_carrier:
+        made.start_carrier()
     async with repeated(LIST_PERIOD_S, made.list_things):
         await asyncio.sleep(1.0)
         try:

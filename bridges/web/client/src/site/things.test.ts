@@ -51,6 +51,7 @@ const event = (
   seq: 0,
   carriers: [],
   status: "done",
+  begin_within_s: null,
 });
 
 function select(all: Site, id: string, user: string, at_s: number): void {

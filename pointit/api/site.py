@@ -19,7 +19,7 @@ from pointit.api.requests import Lamp
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock, wait_up_to
-from pointit.runtime.errors import AccessDeniedError, PointItError
+from pointit.runtime.errors import AccessDeniedError, NoMessageError, PointItError
 from pointit.runtime.service.carrier import check_things
 from pointit.schemas import (
     AddPackageReply,
@@ -198,12 +198,18 @@ class Site:
         Raises, at once, or in the loop if the map comes later:
             ConfigError: If the map has no such thing.
         """
+        return self._pointed(things, self._check_things(things))
+
+    def _pointed(self, things: Sequence[str], later_check: Coroutine[Any, Any, None]) -> Feed[SelectionEvent]:
+        """Return an iterator over the events of things. `later_check` is used if the map has not come yet."""
         check: Coroutine[Any, Any, None] | None = None
         room = self.latest.map.get("")  # received from now on
+        if room is None and things:
+            check = later_check
+        else:
+            later_check.close()
         if room is not None:
             check_things(things, room)
-        elif things:
-            check = self._check_things(things)
 
         def is_wanted(event: SelectionEvent) -> bool:
             return is_reaction(event, things, self.latest.map.get(""))
@@ -219,7 +225,8 @@ class Site:
         """
 
         def register(function: F) -> F:
-            self._start(react(self.pointed(*things), function, self.fail))
+            events = self._pointed(things, self._check_things_later(things))
+            self._start(react(events, function, self.fail))
             return function
 
         return register
@@ -228,8 +235,9 @@ class Site:
         """Return a decorator: the function carries out the acts on these things, each within `limit_s`.
 
         Its return means that the act is done, and people learn that. If it raises, or takes longer, they
-        get the error as a cue, and a switch goes back. On a secured site only operators may do this. If the
-        map lacks a thing, this ends all iterators, `sleep` and `wait`.
+        get the error as a cue, and a switch goes back. On a secured site only operators may do this. Acts are
+        carried out from when the map has come. If it lacks a thing, this ends all iterators, `sleep` and
+        `wait`.
 
         Raises:
             ValueError: If `limit_s` is not above 0 s, or above 3600 s.
@@ -245,7 +253,7 @@ class Site:
             name = f"{letters or 'function'}-{number:08x}"  # the same after a restart
             target = FunctionTarget(function, limit_s)
             targets = dict.fromkeys(things, (target,))
-            check = self._check_things(things)
+            check = self._check_things_later(things)
             self._start(carry(self._bus, self._clock, name, targets, check))
             return function
 
@@ -265,6 +273,17 @@ class Site:
 
     async def _check_things(self, things: Collection[str]) -> None:
         check_things(things, await self.latest.map.wait())
+
+    async def _check_things_later(self, things: Collection[str]) -> None:
+        """Check things when the map comes, however late: a program with functions may start before the site.
+
+        Raises:
+            ConfigError: If the map has no such thing.
+        """
+        while True:
+            with contextlib.suppress(NoMessageError):
+                await self._check_things(things)
+                return
 
     def people(self) -> Feed[frozenset[str]]:
         """Return an iterator over the people who are present: now, and after each change."""

@@ -296,6 +296,33 @@ async def test_return_of_a_carrying_function_is_the_acts_result() -> None:
     assert carriers[2:] == ["ended", "ended"]
 
 
+@in_virtual_time
+async def test_functions_are_called_when_the_map_comes_later_than_the_program() -> None:
+    async with shop(has_map=False) as (site, bench):
+        called: list[tuple[str, str]] = []
+
+        @site.carries("radio")
+        async def switch(event: SelectionEvent) -> None:
+            called.append(("carried", event.object_id))
+
+        @site.on_pointed("screws")
+        async def react(event: SelectionEvent) -> None:
+            called.append(("pointed", event.object_id))
+
+        await site.sleep(60.0)
+        bench.put(MAP, ROOM)
+        carriers: list[str] = []
+        bench.bus.watch(CARRIER_ALIVE, lambda name, *, present: carriers.append(name if present else "ended"))
+        await until(lambda: len(carriers) == 1)
+
+        fields = {"stamp_ns": bench.clock.now_ns(), "event": "selected", "object_id": "radio", "user": "anna"}
+        bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields | {"carriers": tuple(carriers)}))
+        point(bench, "screws")
+        await until(lambda: len(called) == 2)
+        assert sorted(called) == [("carried", "radio"), ("pointed", "screws")]
+        await site.sleep(1.0)
+
+
 @pytest.mark.parametrize("limit_s", [0.0, 3601.0, float("nan")])
 @in_virtual_time
 async def test_a_limit_that_cannot_be_is_refused_at_once(limit_s: float) -> None:

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import logging
-import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from pointit.plugins import (
 )
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.host.name_lookup import own_address
+from pointit.runtime.machine import this_machine
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import HEALTH, Delivery, Topic
@@ -95,7 +95,7 @@ class Foxglove(Service[FoxgloveConfig]):
             name = f"PointIt {self.bus.site}"
             address = await self._server.open(name, config.host, config.port)
             if config.host in EVERYWHERE:
-                host = own_address(socket.gethostname())
+                host = own_address(this_machine().host_name)
                 port = address.rpartition(":")[2]
                 address = f"ws://{host}:{port}"
             log.info("open a connection to %s in Foxglove or Lichtblick, and import %s", address, LAYOUT)

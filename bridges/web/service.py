@@ -4,8 +4,6 @@ import asyncio
 import contextlib
 import functools
 import logging
-import socket
-import time
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -56,6 +54,7 @@ from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.extras import pointit_version
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     Announced,
@@ -208,7 +207,7 @@ class Web(Service[WebConfig]):
         )
 
         # Own health
-        self._link = SlowLink(socket.gethostname())
+        self._link = SlowLink(this_machine().host_name)
         self._wall = WallClock()
         self._malformed = 0
         self._malformed_s = 0.0
@@ -345,7 +344,7 @@ class Web(Service[WebConfig]):
             viewers=len(self._pages),
             lan_url=self._lan.url,
             speed=self.clock.speed,
-            now_ns=time.time_ns(),
+            now_ns=this_machine().now_ns(),
         )
         return status.model_copy(update={"devices": self._devices.lines()})
 

@@ -1,8 +1,6 @@
 """The audit of assistants: each call of a tool, with its caller and its result, in a file."""
 
 import json
-import secrets
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from typing import Any
 from pointit.assistants.results import MAX_SENTENCE, plain
 from pointit.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.machine import this_machine
 from pointit.schemas.text import system_reason
 
 FOLDER = "assistants"
@@ -32,7 +31,7 @@ class AuditFile:
         Raises:
             PointItError: If the file cannot be written. Then nothing may be done.
         """
-        call = secrets.token_hex(4)  # several processes may write the same file
+        call = this_machine().random_name(4)  # several processes may write the same file
         text = json.dumps(arguments, default=str, ensure_ascii=False)
         shown = plain(text, MAX_SENTENCE)
         self._append(call=call, caller=plain(caller), role=role, tool=tool, arguments=shown)
@@ -47,7 +46,7 @@ class AuditFile:
         self._append(call=call, outcome=outcome, text=plain(text, MAX_SENTENCE))
 
     def _append(self, **fields: Any) -> None:
-        line = json.dumps({"stamp_ns": time.time_ns(), **fields}, ensure_ascii=False)
+        line = json.dumps({"stamp_ns": this_machine().now_ns(), **fields}, ensure_ascii=False)
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             if self._path.exists() and self._path.stat().st_size > MAX_BYTES:

@@ -5,7 +5,6 @@ import contextlib
 import itertools
 import math
 import tempfile
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock, wait_up_to
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import plugin_folder
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, Surroundings
 from pointit.runtime.service.process import run_until_shutdown
@@ -232,7 +232,7 @@ class SiteFrames:
 
 def _dark(message: Message | None) -> Message | None:
     """Return the frame or lamp without light."""
-    now_ns = time.time_ns()
+    now_ns = this_machine().now_ns()
     if isinstance(message, LampColor):
         return LampColor(stamp_ns=now_ns, color=(0, 0, 0))
     if isinstance(message, StripsFrame):

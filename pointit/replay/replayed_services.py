@@ -6,7 +6,6 @@ import logging
 import math
 import re
 import tempfile
-import time
 from collections.abc import AsyncGenerator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
@@ -25,6 +24,7 @@ from pointit.runtime.config.config import Config, Layers, validate
 from pointit.runtime.config.yaml_edit import dump_yaml
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import (
     NS_PER_S,
@@ -119,7 +119,7 @@ class RecordingClock:
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes follow."""
-        return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
+        return ClockTick(stamp_ns=this_machine().now_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
     async def wait_until(self, time_ns: int) -> None:
         """Wait until the recording's time is `time_ns`.

@@ -3,10 +3,10 @@
 import asyncio
 import contextlib
 import math
-import time
 from collections.abc import AsyncIterator, Callable
 from typing import Protocol
 
+from pointit.runtime.machine import this_machine
 from pointit.schemas import NS_PER_S, ClockTick
 
 LOOK_AGAIN_S = 1.0
@@ -32,12 +32,15 @@ class WallClock:
     """The operating system's clock."""
 
     speed = 1.0
-    now_ns = staticmethod(time.time_ns)
-    """Return the wall time, ns since 1970. Without a frame of its own: it is called for every message."""
+
+    def __init__(self) -> None:
+        """Read the clock of this machine."""
+        self.now_ns: Callable[[], int] = this_machine().now_ns
+        """Return the wall time, ns since 1970. Without a frame of its own: it is called for every message."""
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes and machines follow."""
-        now_ns = time.time_ns()
+        now_ns = self.now_ns()
         return ClockTick(stamp_ns=now_ns, sim_ns=now_ns)
 
 
@@ -53,17 +56,18 @@ class SimulatedClock:
         if not speed > 0:
             raise ValueError(f"a clock's speed must be above 0, got {speed}")
         self.speed = speed
-        self._start_ns = time.time_ns()
-        self._origin_ns = time.monotonic_ns()
+        self._machine = this_machine()
+        self._start_ns = self._machine.now_ns()
+        self._origin_ns = self._machine.monotonic_ns()
 
     def now_ns(self) -> int:
         """Return the simulated time, ns."""
-        passed_ns = time.monotonic_ns() - self._origin_ns
+        passed_ns = self._machine.monotonic_ns() - self._origin_ns
         return self._start_ns + int(passed_ns * self.speed)
 
     def tick(self) -> ClockTick:
         """Return the tick by which other processes follow."""
-        return ClockTick(stamp_ns=time.time_ns(), sim_ns=self.now_ns(), speed=self.speed)
+        return ClockTick(stamp_ns=self._machine.now_ns(), sim_ns=self.now_ns(), speed=self.speed)
 
 
 class SteadyClock:
@@ -79,6 +83,8 @@ class SteadyClock:
         self._read = clock.now_ns
         self._may_step = may_step
         self._read_ns = self._now_ns = clock.now_ns()
+        self._halves_ns = 0
+        """Rest of the time that has passed while this clock is slewed, in halves of 1 ns: 0 or 1."""
         self._follows_ns: float = self._now_ns
         """Last reading of the other clock if that is the time, an integer, ns. Infinite while both differ:
         then `_read_ns` and `_now_ns` hold."""
@@ -99,7 +105,10 @@ class SteadyClock:
     def _slewed_ns(self, read_ns: int) -> int:
         if self._follows_ns < math.inf:
             self._now_ns = self._read_ns = int(self._follows_ns)
-        slowed_ns = self._now_ns + max(0, read_ns - self._read_ns) // 2
+        # Kept, since each half is lost in readings 1 ns apart, by which the clock would stand still
+        halves_ns = self._halves_ns + max(0, read_ns - self._read_ns)
+        self._halves_ns = halves_ns % 2
+        slowed_ns = self._now_ns + halves_ns // 2
         self._read_ns = read_ns
         self._now_ns = max(read_ns, slowed_ns)
         if self._may_step and self._now_ns - read_ns > MAX_SLEW_S * NS_PER_S:

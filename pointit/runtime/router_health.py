@@ -1,13 +1,12 @@
 """Health of a router for `pointit doctor` and the page."""
 
-import os
 import re
-import socket
 import time
 from collections.abc import Sequence
 
 import zenoh
 
+from pointit.runtime.machine import this_machine
 from pointit.runtime.zenoh.declarations import encoding_of
 from pointit.schemas import Figure, Health, encode
 from pointit.schemas.problems import Problem
@@ -26,7 +25,7 @@ class RouterHealthPublisher:
 
         `joins_another`: the site has several routers, which get the names of their machines.
         """
-        host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
+        host = NO_NAME.sub("-", this_machine().host_name)[:LONGEST_HOST]
         self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE
         self._session = session
         self._root = f"pointit/{site}"
@@ -45,12 +44,12 @@ class RouterHealthPublisher:
             Figure(name="sessions", value=float(sessions)),
         )
         health = Health(
-            stamp_ns=time.time_ns(),
+            stamp_ns=this_machine().now_ns(),
             seq=self._seq,
             service=SERVICE,
             instance=self._instance,
-            pid=os.getpid(),
-            host=socket.gethostname(),
+            pid=this_machine().process_id,
+            host=this_machine().host_name,
             uptime_s=time.monotonic() - self._began_s,
             status="degraded" if warnings else "ok",
             warnings=warnings,

@@ -2,7 +2,6 @@
 
 import asyncio
 import functools
-import socket
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,6 +11,7 @@ from pointit.runtime.clock import WallClock, sleep
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
 from pointit.schemas.problems import CLOCK, CLOCK_CLAIM, CLOCK_LIMIT, UNWRITABLE
@@ -54,7 +54,7 @@ class Keeper(Service[KeeperConfig]):
 
         # Clocks of other machines
         self._wall = WallClock()
-        self._skews = ClockSkewMonitor(socket.gethostname())
+        self._skews = ClockSkewMonitor(this_machine().host_name)
         self._skewed_hosts: set[str] = set()
         """Machines with a clock warning."""
 

@@ -6,7 +6,6 @@ No core: it joins a network.
 import asyncio
 import functools
 import logging
-import time
 from collections.abc import Callable
 from typing import Literal
 
@@ -21,6 +20,7 @@ from pointit.runtime.address_config import MAX_PORT, is_loopback, parse_address
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.foreign_zenoh import RawLink, open_raw_session
 from pointit.runtime.link.link import ENDPOINT
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ async def opened(
     config: BackendConfig,
     warnings: WarningSink,
     *,
-    now_ns: Callable[[], int] = time.time_ns,
+    now_ns: Callable[[], int] | None = None,
     patience_s: float | None = None,
     is_bridge: bool = False,
 ) -> Backend:
@@ -92,7 +92,7 @@ async def opened(
     try:
         enclave = BRIDGE if is_bridge else ENCLAVE
         rmw = RmwZenoh(session=session.zid, node=config.node, domain=config.domain_id, enclave=enclave)
-        return ZenohBackend(session, rmw, warnings, config, now_ns)
+        return ZenohBackend(session, rmw, warnings, config, now_ns or this_machine().now_ns)
     except BaseException:
         await session.close()
         raise

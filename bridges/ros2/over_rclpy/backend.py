@@ -10,7 +10,6 @@ import functools
 import logging
 import os
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -37,6 +36,7 @@ from pointit.bridges.ros2.over_rclpy.rclpy_library import (
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.host.threads import in_daemon_thread
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
@@ -81,7 +81,7 @@ class DdsWriter(RosEndpoint[DdsContext]):
         if self.is_closed or self._context.is_closed:
             raise BusClosedError("the writer was closed")
         # DDS stamps messages with the operating system's clock, not with the site's.
-        sent = self._echoes.begin(cdr, time.time_ns())
+        sent = self._echoes.begin(cdr, this_machine().now_ns())
         try:
             self._publisher.publish(cdr)
         except RuntimeError as error:  # an error of rcl; the next message may succeed
@@ -89,7 +89,7 @@ class DdsWriter(RosEndpoint[DdsContext]):
             sentence = f"{self.name} could not be sent to ROS: {reason}"
             self._context.warnings.show_briefly(f"sending {self.name}", sentence)
         finally:
-            sent.ended_ns = time.time_ns()
+            sent.ended_ns = this_machine().now_ns()
 
     def _undeclare(self) -> None:
         self._context.node.destroy_publisher(self._publisher)

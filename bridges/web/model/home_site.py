@@ -11,7 +11,6 @@ No core: it writes files and asks a service.
 import asyncio
 import contextlib
 import re
-import secrets
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from pydantic import SecretStr
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.runtime.host.state_file import expand_home, write_atomically
+from pointit.runtime.machine import this_machine
 from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
 from pointit.schemas.base import Rgb
@@ -90,7 +90,7 @@ class HomeSite:
         if query.act != "connect":
             raise RefusedError("a token or password belongs to an address: give both")
         content = _password_of(secret) if is_broker_url(query.url) else _token_of(secret)
-        name = secrets.token_hex(8)
+        name = this_machine().random_name(8)
         file = expand_home(self._folder) / f"{name}{NEW_SECRET}"
         await asyncio.to_thread(write_atomically, file, content, mode=0o600)
         query = query.model_copy(update={"secret": name})

@@ -19,6 +19,7 @@ from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.name_lookup import lan_addresses
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.host.windows_subsystem import lan_advice
+from pointit.runtime.machine import this_machine
 
 if TYPE_CHECKING:
     from pointit.bridges.web.server.certificate import Certificate
@@ -68,7 +69,7 @@ class Lan:
         from pointit.bridges.web.server.certificate import obtain  # noqa: PLC0415
 
         now = dt.datetime.now(dt.UTC)
-        return obtain(self._folder, addresses, socket.gethostname(), now)
+        return obtain(self._folder, addresses, this_machine().host_name, now)
 
     def listen(self) -> None:
         """Open the port, at which clients wait for `open`. Does nothing if it is open.

@@ -3,7 +3,6 @@
 import datetime as dt
 import re
 import sqlite3
-import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import import_room
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.machine import this_machine
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name
 from pointit.services.selector.audit import audit
@@ -62,7 +62,7 @@ def command(
     check_name(site, "site")
     if assistants and (user or object_id):
         raise ConfigError("--assistants excludes --user and --object; use --json and filter its arguments")
-    oldest_ns = since_ns(since, time.time_ns())
+    oldest_ns = since_ns(since, this_machine().now_ns())
     about = f"of site {site}, the latest last"
 
     # Calls of assistants are in a file of their own

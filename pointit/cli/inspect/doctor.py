@@ -3,7 +3,6 @@
 import asyncio
 import dataclasses
 import datetime as dt
-import socket
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -35,6 +34,7 @@ from pointit.runtime.host.advised_commands import advised_commands
 from pointit.runtime.host.extras import CHECKOUT
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, SILENT_S, Link
 from pointit.runtime.link.options import given_credentials
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -139,9 +139,9 @@ class SiteObserver:
             deployments=dict(site.all(DEPLOYMENT)),
             interactions=dict(site.all(INTERACTION)),
             home_things=() if room is None else home_things(room),
-            host=socket.gethostname(),
+            host=this_machine().host_name,
             stopped=stopped_processes(link.site, link.addresses),
-            now_ns=time.time_ns(),
+            now_ns=this_machine().now_ns(),
             speed=1.0 if tick is None else tick.speed,
             options=_options(link),
             identities=_identities(link),
@@ -173,7 +173,9 @@ class SiteObserver:
     def _on_change(self, change: Change) -> None:
         health = change.message
         if isinstance(health, Health):
-            report = DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+            report = DiagnosisReport(
+                received_s=time.monotonic(), health=health, arrived_ns=this_machine().now_ns()
+            )
             self._reports.setdefault(change.name, []).append(report)
             self._changed.set()
 

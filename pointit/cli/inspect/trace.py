@@ -2,8 +2,6 @@
 
 import asyncio
 import datetime as dt
-import socket
-import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -28,6 +26,7 @@ from pointit.diagnosis.observation import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.errors import AccessDeniedError, NoMessageError
+from pointit.runtime.machine import this_machine
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame, topics
 from pointit.schemas.system import split_instance
@@ -322,7 +321,7 @@ class Tracer:
         self._tick: ClockTick | None = None
         self._reports: dict[str, tuple[str, Health]] = {}
         """By instance: the process that published its newest report, and the report."""
-        self._skews = ClockSkewMonitor(socket.gethostname())
+        self._skews = ClockSkewMonitor(this_machine().host_name)
         self._invalid = 0
         bus.subscribe(topics.CLOCK, self._on_tick)
         self._site = SiteState(on_service=self._on_service)
@@ -414,7 +413,7 @@ class Tracer:
 
     def _tap(self, hop: str) -> Tap:
         def on_message(arrived: Message | Undecoded, _name: str) -> None:  # on any thread
-            self._arrived.append((hop, arrived, time.time_ns()))
+            self._arrived.append((hop, arrived, this_machine().now_ns()))
 
         return on_message
 

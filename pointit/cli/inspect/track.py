@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import math
 import operator
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -26,6 +25,7 @@ from pointit.cli.common.output import (
 from pointit.cli.common.site_link import SiteAddress, site_command
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.cli.inspect.topics import RateMeter, window_options
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.process import EXIT_FAILED
 from pointit.schemas import NS_PER_S, Configuration, Health, TrackedObjects, UserPose, encode
 from pointit.schemas.system import BODY
@@ -236,7 +236,7 @@ async def command(
     async with site.join() as bus:
 
         def on_objects(message: TrackedObjects, tracker: str) -> None:
-            meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())
+            meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=this_machine().now_ns())
 
         # Motion capture says in its health and its configuration which bodies it knows
         bus.subscribe(OBJECTS, on_objects)

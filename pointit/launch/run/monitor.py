@@ -13,6 +13,7 @@ from typing import Any
 from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
 from pointit.runtime.clock import Clock
+from pointit.runtime.machine import this_machine
 from pointit.schemas import (
     NS_PER_S,
     ActOutcome,
@@ -526,7 +527,7 @@ class Monitor:
         if cursor.surface != "none" or cursor.solid:
             self.cursor_count += 1
             if self.first_cursor_unix_s is None:
-                self.first_cursor_unix_s = time.time()
+                self.first_cursor_unix_s = this_machine().now_ns() / NS_PER_S
         if cursor.surface == "lamp":
             min_miss_rad = self.lamp_misses_rad.get(cursor.surface_id, math.inf)
             self.lamp_misses_rad[cursor.surface_id] = min(cursor.miss_rad, min_miss_rad)
@@ -536,7 +537,7 @@ class Monitor:
         self.frame = frame
         self.frame_count += 1
         if self.first_frame_unix_s is None:
-            self.first_frame_unix_s = time.time()
+            self.first_frame_unix_s = this_machine().now_ns() / NS_PER_S
         self.latency.on_frame(frame, self.clock.now_ns(), self.clock.speed)
 
 

@@ -21,6 +21,7 @@ from pointit.runtime.clock import Clock, wait_up_to
 from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import Link
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas import Deployment, ExpectedService
@@ -165,7 +166,7 @@ class DeploymentPublisher:
             self._publisher = self._bus.publisher(DEPLOYMENT, name)
             self._name = name
             self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, retained=False)
-        self._stamp_ns = time.time_ns()
+        self._stamp_ns = this_machine().now_ns()
         self._is_anothers = False
         services: list[ExpectedService] = []
         for launch, command in lines:
@@ -192,7 +193,7 @@ class DeploymentPublisher:
         self._publisher = None
         if publisher is not None:
             if not self._is_anothers:
-                publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
+                publisher.put(Deployment(stamp_ns=this_machine().now_ns(), name=self._name))
             publisher.close_nowait()
         if self._subscription is not None:
             self._subscription.close()

@@ -8,12 +8,12 @@ import collections
 import logging
 import math
 import threading
-import time
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, Protocol
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, SubscriptionStats
 from pointit.runtime.errors import describe
+from pointit.runtime.machine import this_machine
 from pointit.schemas import DecodeError, Message
 from pointit.schemas.topics import Delivery
 
@@ -45,12 +45,13 @@ class Dispatcher:
         self.is_awake = False
         """True if the loop will check `ready` before it sleeps."""
         self.is_closed = False
+        self._monotonic_s = this_machine().monotonic_s
         self._log_lock = threading.Lock()
         self._logged_s: dict[tuple[str, str], float] = {}
 
     def should_log(self, key: str, problem: str) -> bool:
         """Return True if a log line on `problem` about the topic `key` is due. Any thread."""
-        now_s = time.monotonic()
+        now_s = self._monotonic_s()
         with self._log_lock:
             logged_s = self._logged_s.get((key, problem), -math.inf)
             if now_s - logged_s < LOG_PERIOD_S:

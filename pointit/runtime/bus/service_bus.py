@@ -4,9 +4,6 @@ import asyncio
 import contextlib
 import logging
 import math
-import os
-import socket
-import time
 import weakref
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -37,6 +34,7 @@ from pointit.runtime.bus.instrumented import (
     steady_time,
 )
 from pointit.runtime.clock import Clock
+from pointit.runtime.machine import this_machine
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.problems import MAX_CODE, MAX_SUBJECT, Problem, Severity
 from pointit.schemas.table_types import PresenceHandler
@@ -301,13 +299,13 @@ class ServiceBus:
         problems = tuple(problem.without_secrets() for problem in unmasked)
         warnings = tuple(problem.sentence for problem in problems if problem.severity == "warning")
         return Health(
-            stamp_ns=time.time_ns(),
+            stamp_ns=this_machine().now_ns(),
             seq=self._seq,
             service=self._service,
             instance=self._instance,
             user=self._user,
-            pid=os.getpid(),
-            host=socket.gethostname(),
+            pid=this_machine().process_id,
+            host=this_machine().host_name,
             uptime_s=now_s - self._began_s,
             keys=tuple(keys),
             step=self._steps.take(),

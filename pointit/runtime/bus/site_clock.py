@@ -1,11 +1,11 @@
 """Time of a site. Its simulator publishes it, and all other processes follow."""
 
 import asyncio
-import time
 from typing import Protocol
 
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import wait_up_to
+from pointit.runtime.machine import this_machine
 from pointit.schemas import NS_PER_S, ClockTick
 from pointit.schemas.topics import CLOCK
 
@@ -47,6 +47,7 @@ class SiteClock:
     """
 
     def __init__(self, bus: Bus) -> None:
+        self._machine = this_machine()
         self._tick: ClockTick | None = None
         self._count = 0
         self._arrived_ns = 0
@@ -60,14 +61,14 @@ class SiteClock:
     @property
     def speed(self) -> float:
         """Return the speed: seconds of this clock per wall-clock second."""
-        tick = self._source(time.monotonic_ns())
+        tick = self._source(self._machine.monotonic_ns())
         return 1.0 if tick is None else tick.speed
 
     def now_ns(self) -> int:
         """Return the site's time, ns."""
-        here_ns = time.monotonic_ns()
+        here_ns = self._machine.monotonic_ns()
         tick = self._source(here_ns)
-        return time.time_ns() if tick is None else self._at(tick, here_ns)
+        return self._machine.now_ns() if tick is None else self._at(tick, here_ns)
 
     async def wait_for_tick(self, patience_s: float) -> bool:
         """Wait for the site's time, so that no later code sees a jump to it. Return True if it arrived."""
@@ -89,13 +90,13 @@ class SiteClock:
         return self._base_ns + passed_ns + lead_ns
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
-        here_ns = time.monotonic_ns()
+        here_ns = self._machine.monotonic_ns()
         previous = self._source(here_ns)
 
         # A first tick that is older than this is not old: its machine's clock is skewed.
         age_ns = 0
         if not previous:
-            age_ns = min(max(0, time.time_ns() - tick.stamp_ns), SILENT_NS)
+            age_ns = min(max(0, self._machine.now_ns() - tick.stamp_ns), SILENT_NS)
         base_ns = tick.sim_ns + int(age_ns * tick.speed)
 
         # Time never goes back by a tick that came late. It jumps if the site's time was set back.

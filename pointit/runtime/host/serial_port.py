@@ -14,6 +14,8 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
+from pointit.runtime.machine import this_machine
+
 log = logging.getLogger(__name__)
 
 Work = Callable[[serial.Serial, threading.Event], None]
@@ -110,7 +112,7 @@ def describe_ports() -> str:
 def is_open_in_another_process(path: str) -> bool:
     """Return True if another process of this user has the port open (Linux; elsewhere always False)."""
     device = os.path.realpath(path)
-    own = str(os.getpid())
+    own = str(this_machine().process_id)
     for link in Path("/proc").glob("[0-9]*/fd/*"):
         with contextlib.suppress(OSError):  # the process may have ended
             is_other_process = link.parts[2] != own

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-import secrets
 import sys
 from collections.abc import Generator
 from contextvars import ContextVar
@@ -14,6 +13,7 @@ import platformdirs
 from pydantic import BaseModel, ValidationError
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.machine import this_machine
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.text import system_reason
 from pointit.schemas.topics import check_name
@@ -108,7 +108,7 @@ def create_atomically(path: Path, content: bytes) -> bool:
 def part_of_file(path: Path) -> Path:
     """Return a path for a part of the file at `path`, which no process uses, and no dead one has used."""
     stem = path.stem[:100]
-    unique = secrets.token_hex(4)
+    unique = this_machine().random_name(4)
     return path.with_name(f".{stem}.{unique}{path.suffix}")  # writers need the suffix
 
 

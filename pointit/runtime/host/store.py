@@ -6,12 +6,12 @@ are reported in `Store.problem`, and the writer continues in memory.
 
 import contextlib
 import sqlite3
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pointit.runtime.machine import this_machine
 from pointit.schemas import NS_PER_S
 from pointit.schemas.text import system_reason
 
@@ -137,7 +137,7 @@ class Store:
         is_waiting = 0 <= self._retry_ns - now_ns <= RETRY_EVERY_NS
         if self._failure and is_waiting:
             return False
-        began_s = time.perf_counter()
+        began_s = this_machine().elapsed_s()
         try:
             with self._db:
                 self._db.execute("BEGIN IMMEDIATE")
@@ -150,7 +150,7 @@ class Store:
             )
             return False
         self._failure = ""
-        self._note_duration(time.perf_counter() - began_s, now_ns)
+        self._note_duration(this_machine().elapsed_s() - began_s, now_ns)
         return True
 
     def _note_duration(self, duration_s: float, now_ns: int) -> None:

@@ -7,7 +7,6 @@ import itertools
 import logging
 import os
 import re
-import secrets
 import ssl
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Sequence
 from pathlib import Path
@@ -29,6 +28,7 @@ from pointit.runtime.host.tls_errors import (
     tls_error_in,
     tls_problem,
 )
+from pointit.runtime.machine import this_machine
 from pointit.runtime.mqtt.broker_client import BrokerClient, BrokerError
 from pointit.runtime.mqtt.broker_config import PORT, TLS_PORT, BrokerConfig
 from pointit.schemas.text import one_line, system_reason
@@ -271,7 +271,7 @@ def client_options(config: BrokerConfig) -> dict[str, Any]:
         )
     tls_context = _tls_context(config.ca_file) if config.tls else None
     # the same after a loss: the broker then ends the former connection before the next one begins
-    identifier = f"{CLIENT_ID}{secrets.token_hex(5)}"
+    identifier = f"{CLIENT_ID}{this_machine().random_name(5)}"
     return {
         "hostname": host,
         "port": port,

@@ -9,14 +9,12 @@ same two times, so exactly one ends, however long messages take.
 
 import asyncio
 import logging
-import os
-import socket
-import time
 from collections.abc import Callable, Collection
 
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS
+from pointit.runtime.machine import this_machine
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, Presence
 
@@ -104,7 +102,7 @@ class _HolderSearch:
 class TakeoverMonitor:
     """Detects that another process has taken over the name of a running service."""
 
-    def __init__(self, bus: Bus, instance: str, now_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, bus: Bus, instance: str, now_ns: Callable[[], int] | None = None) -> None:
         """Subscribe to the reports of `instance`. Call this in the loop."""
         self.superseded = asyncio.Event()
         """Set when another process owns the name."""
@@ -114,10 +112,11 @@ class TakeoverMonitor:
         """Description of another process with the same name, while it reports."""
         self._rival_s = 0.0
         self._instance = instance
-        self._now_ns = now_ns
+        machine = this_machine()
+        self._now_ns = now_ns or machine.now_ns
         self._time = asyncio.get_running_loop().time
         self._began_s = self._time()
-        self._me = (socket.gethostname(), os.getpid())
+        self._me = (machine.host_name, machine.process_id)
         self._subscription = bus.subscribe(HEALTH, self._on_health, instance)
 
     def close(self) -> None:

@@ -26,6 +26,7 @@ from pointit.runtime.host.text_output import assume_dumb_terminal, escape_unenco
 from pointit.runtime.host.threads import exit_now, has_running_threads
 from pointit.runtime.link.link import Link
 from pointit.runtime.link.options import link_of, link_options
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.logs import LOG_FORMATS, setup_logging
 from pointit.runtime.service.service import AnyService, Launch, Scope, check_launches, run_services
@@ -65,7 +66,7 @@ def exit_with_parent() -> None:
     def wait() -> None:
         while os.read(sys.stdin.fileno(), 1024):
             pass
-        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(this_machine().process_id, signal.SIGTERM)
 
     threading.Thread(target=wait, name="parent watch", daemon=True).start()
 

@@ -19,6 +19,7 @@ from pydantic import Field
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.parameters import set_option
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
@@ -237,7 +238,7 @@ class TouchSdkWatch(Wrist):
 
     async def configure(self, connection: Connection) -> None:
         """Introduce this program, for which the person's approval is asked the first time."""
-        info = touch_sdk_messages.encode_client_info("PointIt", platform.node(), platform.system())
+        info = touch_sdk_messages.encode_client_info("PointIt", this_machine().host_name, platform.system())
         try:
             async with asyncio.timeout(REPLY_S):
                 await connection.write(touch_sdk_messages.INPUT, info)

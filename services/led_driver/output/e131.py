@@ -4,7 +4,6 @@ No core: it sends datagrams.
 """
 
 import ipaddress
-import socket
 import struct
 import uuid
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from uuid import UUID
 
 from pydantic import Field, model_validator
 
+from pointit.runtime.machine import this_machine
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.services.led_driver.output.udp_output import (
     Datagram,
@@ -165,7 +165,7 @@ class E131Stream:
         if self._is_multicast:
             self.destination = Destination(host="", port=destination.port, interface=destination.interface)
         # the same after a restart, so that receivers do not merge a stream with its own past
-        stream = f"{socket.gethostname()} {destination.host} {first_universe}"
+        stream = f"{this_machine().host_name} {destination.host} {first_universe}"
         cid = uuid.uuid5(uuid.NAMESPACE_DNS, stream)
         self._sender = E131Sender(cid, "PointIt", priority)
 

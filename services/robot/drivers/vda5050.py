@@ -5,13 +5,13 @@ No core: it waits for a broker.
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pointit.runtime.clock import wait_up_to
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError, first_cause
+from pointit.runtime.machine import this_machine
 from pointit.runtime.mqtt.broker import (
     client_options,
     connected,
@@ -101,7 +101,7 @@ def _store_agv(
     if isinstance(content, AgvConnection):
         devices[key] = _agv_device(address, agv, content.connection_state or "no connectionState")
         return
-    age_ns = message_age_ns(content.stamp_ns, time.time_ns(), is_retained=message.retain)
+    age_ns = message_age_ns(content.stamp_ns, this_machine().now_ns(), is_retained=message.retain)
     if age_ns <= MAX_AGV_AGE_S * NS_PER_S:
         devices[key] = _agv_device(address, agv, "ONLINE")
         return

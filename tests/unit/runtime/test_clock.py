@@ -350,3 +350,17 @@ def test_a_timer_can_be_started_by_its_callback_and_cancelled() -> None:
         return len(ends)
 
     assert run_virtually(count()) == 3
+
+
+@pytest.mark.parametrize("step_ns", [1, 3, 999])
+def test_clock_goes_on_after_a_step_back_however_often_it_is_read(step_ns: int) -> None:
+    clock = ManualClock()
+    steady = SteadyClock(clock)
+    clock.advance(-1.0)
+    began_ns = steady.now_ns()
+
+    for _ in range(1000):
+        clock.advance(step_ns / NS_PER_S)
+        steady.now_ns()
+
+    assert steady.now_ns() - began_ns == 500 * step_ns, "at half speed"

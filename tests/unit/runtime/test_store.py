@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.host import store as host_store
 from pointit.runtime.host.store import RETRY_EVERY_NS, SHOWN_NS, Store, StoreLayout, read_rows
+from pointit.runtime.machine import Machine, using_machine
 from tests.support.pace import within
 
 S = 1_000_000_000
@@ -241,7 +241,7 @@ def test_commit_does_not_delay_the_caller(store: Store) -> None:
     assert within(sorted(durations_s)[150], 0.002)  # it takes about 30 µs; others use this machine too
 
 
-def test_slow_disk_is_reported_and_what_can_wait_rests(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_disk_is_reported_and_what_can_wait_rests(store: Store) -> None:
     duration_s = [0.0]
     time_s = iter(range(1_000_000))
     began: list[float] = []
@@ -252,19 +252,19 @@ def test_slow_disk_is_reported_and_what_can_wait_rests(store: Store, monkeypatch
             return began[0]
         return began.pop() + duration_s[0]
 
-    monkeypatch.setattr(host_store.time, "perf_counter", counter)
-    store.open(NOW, read)
-    duration_s[0] = 1.0
-    assert write(store, "a")
-    assert not store.problem, "a busy machine has one slow write at times"
-    assert store.should_rest(NOW + 19 * S)
-    assert not store.should_rest(NOW + 20 * S)
-    assert write(store, "b"), "what cannot wait is written"
-    assert write(store, "c")
-    assert "is on a slow disk" in store.problem
+    with using_machine(Machine(elapsed_s=counter)):
+        store.open(NOW, read)
+        duration_s[0] = 1.0
+        assert write(store, "a")
+        assert not store.problem, "a busy machine has one slow write at times"
+        assert store.should_rest(NOW + 19 * S)
+        assert not store.should_rest(NOW + 20 * S)
+        assert write(store, "b"), "what cannot wait is written"
+        assert write(store, "c")
+        assert "is on a slow disk" in store.problem
 
-    duration_s[0] = 0.01
-    assert write(store, "d")
-    assert not store.problem
-    assert words_of(store) == ["a", "b", "c", "d"]
+        duration_s[0] = 0.01
+        assert write(store, "d")
+        assert not store.problem
+        assert words_of(store) == ["a", "b", "c", "d"]
     store.close()

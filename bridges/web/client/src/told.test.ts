@@ -73,6 +73,7 @@ function sentMessages(random: () => number): { sent: Sent[]; acts: Act[] } {
     send("selection/events", "", {
       event, object_id: act.name, user: act.state.user, cause: "dwell", stamp_ns: act.state.event_ns, kind: act.name,
       reason: act.state.text, bay: "", confidence: null, seq: 0, carriers: [], status: act.state.status,
+      begin_within_s: null,
     }); // prettier-ignore
 
   for (let count = 0; count < ACTS; count++) {

@@ -7,7 +7,7 @@ import itertools
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -114,6 +114,18 @@ class ReaderCounts:
         self.lateness.by_s = max(self.lateness.by_s, other.lateness.by_s)
 
 
+@dataclass(slots=True)
+class TopicTotals:
+    """Sums of the counters of all readers of a topic."""
+
+    dropped: int = 0
+    lost: int = 0
+    invalid: int = 0
+    errors: int = 0
+    out_of_order: int = 0
+    late: int = 0
+
+
 class TopicMeter:
     """Message counter of one topic in one direction. The message handler increments it."""
 
@@ -144,50 +156,72 @@ class TopicMeter:
         """Return the age of the newest message, s, or None."""
         return None if self.newest_s is None else now_s - self.newest_s
 
-    def total(self, counter: str) -> int:
-        """Return the sum of one of the counters of `SubscriptionStats` over all readers."""
-        return sum(getattr(reader.traffic, counter) for reader in self._readers)
+    def totals(self) -> TopicTotals:
+        """Return the sums over all readers, open and closed."""
+        totals = TopicTotals()
+        for reader in self._readers:
+            traffic = reader.traffic
+            totals.dropped += traffic.dropped
+            totals.lost += traffic.lost
+            totals.invalid += traffic.invalid
+            totals.errors += traffic.errors
+            totals.out_of_order += reader.order.refused
+            totals.late += reader.lateness.refused
+        return totals
 
-    def problems(self, now_s: float, user: str) -> Iterator[Problem]:
-        """Yield one problem each for recent messages that were out of order, late, invalid or failed.
+    def problems(self, totals: TopicTotals, now_s: float, user: str) -> list[Problem]:
+        """Return one problem each for recent messages that were out of order, late, invalid or failed.
 
-        `user`: the person whose service reads them, or `""`.
+        `totals`: the sums of now. `user`: the person whose service reads the messages, or `""`.
         """
-        key = self.topic.key
-        shown = fill_key(self.topic.key, user)
         # Each counter is read in every report, since it compares with the last reading
-        old = sum(reader.order.refused for reader in self._readers)
-        if self._old.holds(old, now_s):
-            sentence = (
-                f"{old} messages on {shown} were older than those before them and were left out: "
-                "is a recording played on this site, or do two write the same?"
-            )
-            yield Problem(code=LATE, sentence=sentence, topic=key)
-        invalid = self.total("invalid")
-        if self._invalid.holds(invalid, now_s):
-            # only the senders of readable keys are known
-            traffic = next(
-                (reader.traffic for reader in self._readers if reader.traffic.last_error_name), None
-            )
-            if traffic is not None:
-                sender = traffic.last_error_name
+        has_old = self._old.holds(totals.out_of_order, now_s)
+        has_invalid = self._invalid.holds(totals.invalid, now_s)
+        has_failed = self._failed.holds(totals.errors, now_s)
+        has_late = self._late.holds(totals.late, now_s)
+        problems: list[Problem] = []
+        if has_old:
+            problems.append(self._disorder(totals.out_of_order, user))
+        if has_invalid:
+            problems += self._invalid_messages(totals.invalid, user)
+        if has_failed:
+            problems.append(self._failure(totals.errors, user))
+        if has_late:
+            problems.append(self._lateness(totals.late, user))
+        return problems
+
+    def _disorder(self, count: int, user: str) -> Problem:
+        """Return the problem of `count` messages that were older than those before them."""
+        key = self.topic.key
+        sentence = (
+            f"{count} messages on {fill_key(key, user)} were older than those before them and were left out: "
+            "is a recording played on this site, or do two write the same?"
+        )
+        return Problem(code=LATE, sentence=sentence, topic=key)
+
+    def _invalid_messages(self, count: int, user: str) -> list[Problem]:
+        """Return the problem of `count` invalid messages. Only the senders of readable keys are known."""
+        key = self.topic.key
+        for reader in self._readers:
+            sender = reader.traffic.last_error_name
+            if sender:
                 sentence = (
-                    f"{invalid} messages on {shown} were invalid and were dropped, the last of "
-                    f"{sender} ({traffic.last_error}): look at what writes them there"
+                    f"{count} messages on {fill_key(key, user)} were invalid and were dropped, the last of "
+                    f"{sender} ({reader.traffic.last_error}): look at what writes them there"
                 )
-                yield Problem(code=INVALID, sentence=sentence, topic=key, subject=sender[:MAX_SUBJECT])
-        failed = self.total("errors")
-        if self._failed.holds(failed, now_s):
-            yield self._failure(failed, user)
-        late = sum(reader.lateness.refused for reader in self._readers)
-        if self._late.holds(late, now_s):
-            by_s = max(reader.lateness.by_s for reader in self._readers)
-            sentence = (
-                f"{late} messages on {shown} arrived after newer ones, the last by "
-                f"{by_s:.1f} s, and were left out: check the link to their writer, which is slow or "
-                "loses much"
-            )
-            yield Problem(code=LATE, sentence=sentence, topic=key)
+                return [Problem(code=INVALID, sentence=sentence, topic=key, subject=sender[:MAX_SUBJECT])]
+        return []
+
+    def _lateness(self, count: int, user: str) -> Problem:
+        """Return the problem of `count` messages that came after newer ones."""
+        key = self.topic.key
+        by_s = max(reader.lateness.by_s for reader in self._readers)
+        sentence = (
+            f"{count} messages on {fill_key(key, user)} arrived after newer ones, the last by "
+            f"{by_s:.1f} s, and were left out: check the link to their writer, which is slow or "
+            "loses much"
+        )
+        return Problem(code=LATE, sentence=sentence, topic=key)
 
     def _failure(self, count: int, user: str) -> Problem:
         """Return the problem of `count` messages whose handler raised an error, with the last sender."""

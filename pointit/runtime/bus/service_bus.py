@@ -271,30 +271,30 @@ class ServiceBus:
         now_s = self._time_s()
         span_s = max(now_s - self._reported_s, 1e-3)
         self._reported_s = now_s
-        # Rates are those of the time since the last report
+        # Rates are those since the last report. Problems of the bus come first, then those of topics
         keys: list[KeyHealth] = []
+        unmasked = list(self._bus.problems)
         errors = self._errors
         for (key, direction), meter in self._meters.items():
-            errors += meter.total("errors")
+            totals = meter.totals()
+            errors += totals.errors
             keys.append(
                 KeyHealth(
                     key=key,
                     direction="in" if direction == "in" else "out",
                     rate_hz=meter.count / span_s,
                     age_s=meter.age_s(now_s),
-                    dropped=meter.total("dropped"),
-                    lost=meter.total("lost"),
-                    invalid=meter.total("invalid"),
+                    dropped=totals.dropped,
+                    lost=totals.lost,
+                    invalid=totals.invalid,
                 )
             )
             meter.count = 0
+            unmasked += meter.problems(totals, now_s, self._user)
         self._seq += 1
         self._latency.per_s = NS_PER_S * self._clock.speed  # a site may change its speed
 
-        # Problems of the bus first, then those of topics, then those that the service itself reports
-        unmasked = list(self._bus.problems)
-        for meter in self._meters.values():
-            unmasked += meter.problems(now_s, self._user)
+        # Those that the service itself reports
         unmasked += self._problems.values()
         problems = tuple(problem.without_secrets() for problem in unmasked)
         warnings = tuple(problem.sentence for problem in problems if problem.severity == "warning")

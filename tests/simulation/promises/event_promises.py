@@ -28,6 +28,8 @@ class EventPromises:
         self._max_number = 0
         self._owners: dict[str, str] = {}
         """Owner of each selected object, by the events."""
+        self._stamps_ns: dict[str, int] = {}
+        """Stamp of the newest event of each object, ns."""
         self._has_been_absent: set[str] = set()
         """Selected objects that were missing in a selection: they left, or their event follows."""
 
@@ -59,6 +61,9 @@ class EventPromises:
         self._by_number[event.seq] = event
         if event.event == "refused":
             return
+        if event.stamp_ns <= self._stamps_ns.get(event.object_id, 0):
+            self._breaches.add(promise.STAMPS_INCREASE, f"{event.seq} {event.event} {event.object_id}")
+        self._stamps_ns[event.object_id] = event.stamp_ns
         self._check_owner(event, is_repeated=is_repeated)
         if is_repeated:
             return

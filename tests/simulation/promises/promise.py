@@ -50,7 +50,7 @@ ONLY_TOLD = Promise(
 )
 ONE_RESULT = Promise("an act has one result", "An act ends with one result.", HERE)
 KNOWN_OUTCOME = Promise(
-    "an outcome is of an event that was told", "Its number is the object and the stamp of the event.", ACTS
+    "an outcome is of an event that was told", "Its number is the object and the stamp of the event", ACTS
 )
 OUTCOME_FOLLOWS = Promise("an outcome follows each act", "**A restart of the selector ends no act.**", ACTS)
 NOT_PENDING = Promise("no act is pending for ever", "an act without one ends as `no_answer`.", ACTS)
@@ -69,6 +69,11 @@ DESELECTS_SELECTED = Promise(
     HERE,
 )
 IN_ORDER = Promise("events are in order of their numbers", "Events have numbers, which grow.", HERE)
+STAMPS_INCREASE = Promise(
+    "stamps of one object's events increase",
+    "stamps of the events of one object strictly increase, by any clock",
+    ACTS,
+)
 ONE_EVENT_A_NUMBER = Promise(
     "each number is of one event", "A number belongs to one event, also after a restart.", HERE
 )

@@ -25,3 +25,7 @@ def test_the_page_lists_each_kind_of_fault() -> None:
 
 def test_each_mistake_names_a_promise_that_it_breaks() -> None:
     assert all(mistake.breaks in PROMISES for mistake in MISTAKES.values())
+
+
+def test_each_promise_is_broken_by_a_mistake() -> None:
+    assert {promise.name for promise in PROMISES} == {mistake.breaks.name for mistake in MISTAKES.values()}

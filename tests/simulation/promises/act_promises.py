@@ -11,11 +11,13 @@ from tests.simulation.promises import promise
 from tests.simulation.promises.breaches import Breaches
 from tests.simulation.promises.history import ActNumber, History, ToldEvent
 from tests.simulation.world.devices import LIMIT_S, Deed
+from tests.simulation.world.room import SWITCHES
 from tests.simulation.world.world import World
 
 MAX_ACT_AGE_S = 6.0
 SLACK_S = 0.35
 """Time for the way of a message, and of a process that is about to begin, s."""
+GOES_BACK_S = 0.5
 EFFECTS = ("selected", "deselected")
 
 
@@ -65,6 +67,22 @@ class ActPromises:
         lacking = self._lacking(told)
         if outcome.result == "done" and lacking:
             self._breaches.add(promise.DONE_IS_DONE, f"{outcome.object_id}: not by {lacking}")
+        is_switch = outcome.object_id in SWITCHES and not told.event.takes_back
+        if is_switch and outcome.result == "failed" and outcome.code != "replaced":
+            self._world.simulation.after(GOES_BACK_S, self._check_goes_back, told)
+
+    def _check_goes_back(self, told: ToldEvent) -> None:
+        """Check that a later event follows one that failed, unless a target reports what it wanted."""
+        event = told.event
+        if told.process.is_dead or told.process.is_still:
+            return
+        for device in self._world.devices.values():
+            if device.thing == event.object_id and device.kind == "reporting" and device.is_on is event.is_on:
+                return
+        is_selected = event.object_id in self._history.selected_things()
+        if is_selected is event.is_on and self._history.newest_event(event.object_id) is told:
+            text = f"{event.seq} {event.event} {event.object_id} of {event.user}"
+            self._breaches.add(promise.GOES_BACK, text)
 
     def _check_cue(self, user: str, cue: Any) -> None:
         words = cue.text.split()
@@ -106,6 +124,11 @@ class ActPromises:
         if told is None:
             self._breaches.add(promise.ONLY_TOLD, name)
             return
+        named = [self._world.device(carrier, deed.act[0]) for carrier in told.event.carriers]
+        if device not in named:
+            self._breaches.add(
+                promise.ONLY_TOLD, f"{name}: it names {' '.join(told.event.carriers) or 'nobody'}"
+            )
         if deed.takes_back or not self._are_clocks_right:
             return
         now_s = self._world.simulation.now_s

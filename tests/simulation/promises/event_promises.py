@@ -14,6 +14,7 @@ from tests.simulation.world.world import World
 
 KNOWN_AFTER_S = 3.0
 """Time after which a selector and a carrier on good links know each other, s."""
+PERSONAL_CAUSES = ("dwell", "button")
 ACT_CAUSES = ("", "dwell", "button", "clear")
 
 
@@ -94,9 +95,25 @@ class EventPromises:
             self._owners[thing] = event.user
             self._has_been_absent.discard(thing)
             return
+        is_claim = thing not in BUTTONS and thing not in SWITCHES
+        if owner not in (None, event.user) and is_claim and event.cause in PERSONAL_CAUSES:
+            if self._is_present(owner) and not is_repeated:
+                self._breaches.add(promise.OWNER_DECIDES, f"{thing} of {owner} is ended by {event.user}")
         if owner is None and not is_repeated:
             self._breaches.add(promise.DESELECTS_SELECTED, f"{thing} by {event.user}: {event.reason}")
         self._owners.pop(thing, None)
+
+    def _is_present(self, user: str) -> bool:
+        """Return True if the processes of a person run well."""
+        units = [unit for unit in self._world.units.values() if unit.user == user]
+        for unit in units:
+            if unit.process is None or unit.process.is_still:
+                return False
+            if self._world.simulation.now_s - unit.process.began_s < KNOWN_AFTER_S:
+                return False
+            if not self._world.network.router.link(unit.host.name).is_good:
+                return False
+        return bool(units)
 
     def _check_carriers(self, selector: Process, event: Any) -> None:
         """Check that an act names the carriers that have been within reach for a while."""
@@ -107,20 +124,23 @@ class EventPromises:
         for name, (process, since_s) in self._history.carriers.items():
             if name in event.carriers or self._world.device(name, event.object_id) is None:
                 continue
-            age_s = self._known_for_s(selector, process, since_s)
-            if age_s > KNOWN_AFTER_S:
-                text = f"{event.event} {event.object_id} of {event.user}: {name} is there for {age_s:.3f} s"
+            age_s = self._reachable_for_s(selector, process, since_s)
+            text = f"{event.event} {event.object_id} of {event.user}: {name} is there for {age_s:.3f} s"
+            lives_s = self._world.simulation.now_s - selector.began_s
+            if min(age_s, lives_s) > KNOWN_AFTER_S:
                 self._breaches.add(promise.NAMES_CARRIERS, text)
+            elif age_s > lives_s:
+                self._breaches.add(promise.WAITS_FOR_CARRIERS, text)
 
-    def _known_for_s(self, selector: Process, carrier: Process, since_s: float) -> float:
-        """Return the time for which a selector can have known a carrier, s. 0 if either has a bad link."""
+    def _reachable_for_s(self, selector: Process, carrier: Process, since_s: float) -> float:
+        """Return the time for which a carrier has been within reach of the site, s. 0 if it has a bad link."""
         sessions = self._world.network.router.sessions
-        start_s = since_s
         for process in (selector, carrier):
             session = sessions.get(process)
-            if session is None or process.is_still:
+            if session is None or process.is_still or not session.is_connected or not session.link.is_good:
                 return 0.0
-            if not session.is_connected or not session.link.is_good:
-                return 0.0
-            start_s = max(start_s, process.began_s, session.connected_at_s)
-        return self._world.simulation.now_s - start_s
+        reachable_s = max(since_s, sessions[carrier].connected_at_s)
+        selector_session = sessions[selector]
+        if selector_session.number > 1:  # it was cut off, and sees everything anew
+            reachable_s = max(reachable_s, selector_session.connected_at_s)
+        return self._world.simulation.now_s - reachable_s

@@ -121,6 +121,13 @@ class History:
                     return str(each.user)
         return ""
 
+    def newest_event(self, thing: str) -> ToldEvent | None:
+        """Return the newest selected or deselected event of `thing`."""
+        for told in reversed(self.events.values()):
+            if told.event.object_id == thing:
+                return told
+        return None
+
     def selected_things(self) -> set[str]:
         """Return all that is selected by the newest selection."""
         return set() if self.selection is None else {each.id for each in self.selection.objects}

@@ -59,6 +59,17 @@ NAMES_CARRIERS = Promise(
     "otherwise the event names its carriers",
     ACTS,
 )
+WAITS_FOR_CARRIERS = Promise(
+    "no act without the carriers of its thing", "**No act without the carriers of its thing.**", ACTS
+)
+GOES_BACK = Promise(
+    "a switch that failed goes back",
+    "**A switch that failed goes back**, unless its target reports that it did not.",
+    ACTS,
+)
+OWNER_DECIDES = Promise(
+    "only its owner ends a claim", "A claim of a person who is present is ended by that person only.", HERE
+)
 FOLLOWS_TARGET = Promise("a switch follows its target", "**A switch follows its target.**", ACTS)
 ONE_OWNER = Promise(
     "one owner at a time", "The site's selector decides as on its own people's cursors.", SELECTION
@@ -102,7 +113,6 @@ SELECTED_IS_LIT = Promise(
 DOCTOR_IS_CONTENT = Promise(
     "doctor is content", "`pointit doctor` finds nothing wrong 30 s after the last fault.", HERE
 )
-ALL_RUN = Promise("all services run again", "A service ends when it is asked to, and never by itself.", HERE)
 NONE_ENDS = Promise(
     "no service ends by itself", "A service ends when it is asked to, and never by itself.", HERE
 )

@@ -29,9 +29,6 @@ class RestPromises:
 
     def check(self, observers: dict[str, SiteState], findings: Sequence[Finding]) -> None:
         """Check all. `findings` are those of `pointit doctor`."""
-        for unit in self._world.units.values():
-            if unit.is_wanted and unit.process is None:
-                self._breaches.add(promise.ALL_RUN, unit.name)
         self._check_switches()
         self._check_observers(observers)
         self._check_lamps()

@@ -56,7 +56,24 @@ def _mistake(name: str, text: str, breaks: Promise) -> Callable[[Callable[[], ob
 def _replaced(owner: object, name: str, function: Function) -> None:
     """Replace a function by one that gets the original before its arguments."""
     original = getattr(owner, name)
-    setattr(owner, name, lambda *arguments, **options: function(original, *arguments, **options))
+
+    def replacement(*arguments: Any, **options: Any) -> Any:
+        return function(original, *arguments, **options)
+
+    setattr(owner, name, replacement)
+
+
+def _returning(owner: object, name: str, make_result: Callable[[], object]) -> None:
+    """Replace a function by one that does nothing but return a result."""
+
+    def replacement(*_arguments: Any, **_options: Any) -> object:
+        return make_result()
+
+    setattr(owner, name, replacement)
+
+
+def _nothing() -> None:
+    return None
 
 
 # Carriers
@@ -64,18 +81,18 @@ def _replaced(owner: object, name: str, function: Function) -> None:
 
 @_mistake("late-acts", "a carrier carries out an act that arrives late", promise.NOT_LATE)
 def _carry_out_late() -> None:
-    carrier.MAX_ACT_AGE_S = 600.0
-    setattr(Carrier, "_check_in_time", lambda *_arguments: None)  # noqa: B010
+    vars(carrier)["MAX_ACT_AGE_S"] = 600.0
+    _returning(Carrier, "_check_in_time", _nothing)
 
 
 @_mistake("no-limit", "a carrier begins an act whose limit is over", promise.FAILED_IS_OVER)
 def _ignore_limit() -> None:
-    setattr(Carrier, "_check_in_time", lambda *_arguments: None)  # noqa: B010
+    _returning(Carrier, "_check_in_time", _nothing)
 
 
 @_mistake("repeated-acts", "a carrier carries out an event again that is told again", promise.NOT_TWICE)
 def _carry_out_repeated() -> None:
-    carrier.REPEATED_REASON = "never"
+    vars(carrier)["REPEATED_REASON"] = "never"
 
 
 @_mistake("always-done", "a carrier reports a failed act as done", promise.DONE_IS_DONE)
@@ -135,8 +152,10 @@ def _raise_at_undo() -> None:
 
 @_mistake("task-left", "a carrier does not end what it began", promise.NO_TASK_LEFT)
 def _leave_tasks() -> None:
+    left: list[asyncio.Task[None]] = []
+
     async def close(original: Function, self: Carrier) -> None:
-        self._left = asyncio.create_task(asyncio.sleep(60.0), name="left")  # type: ignore[attr-defined]
+        left.append(asyncio.create_task(asyncio.sleep(60.0), name="left"))
         await original(self)
 
     _replaced(Carrier, "close", close)
@@ -164,21 +183,19 @@ def _forget_outcomes() -> None:
     _replaced(Journal, "begin", begin)
 
 
-@_mistake(
-    "forgotten-carriers", "the journal does not keep the carriers of things", promise.WAITS_FOR_CARRIERS
-)
+@_mistake("forgotten-carriers", "a start does not wait for carriers", promise.WAITS_FOR_CARRIERS)
 def _forget_carriers() -> None:
     def restore(original: Function, self: Arbiter, *arguments: Any, **options: Any) -> None:
         options["carried"] = ()
         original(self, *arguments, **options)
 
     _replaced(Arbiter, "restore", restore)
-    setattr(roles.SiteRole, "_knows_things", lambda _self, _things: True)  # noqa: B010
+    _returning(roles.SiteRole, "_knows_things", lambda: True)
 
 
 @_mistake("no-timeout", "the selector waits for a result for ever", promise.OUTCOME_FOLLOWS)
 def _wait_for_ever() -> None:
-    setattr(Acts, "expire", lambda *_arguments: [])  # noqa: B010
+    _returning(Acts, "expire", list)
 
 
 @_mistake("pending-for-ever", "a done act stays pending in the selection", promise.NOT_PENDING)
@@ -191,12 +208,12 @@ def _stay_pending() -> None:
 
 @_mistake("no-take-back", "a switch whose act failed stays as it was asked for", promise.GOES_BACK)
 def _keep_failed() -> None:
-    setattr(Arbiter, "_take_back", lambda *_arguments: [])  # noqa: B010
+    _returning(Arbiter, "_take_back", list)
 
 
 @_mistake("no-follow", "a switch does not follow its target", promise.FOLLOWS_TARGET)
 def _ignore_targets() -> None:
-    setattr(Arbiter, "_follow_targets", lambda *_arguments: [])  # noqa: B010
+    _returning(Arbiter, "_follow_targets", list)
 
 
 @_mistake("one-carrier", "an act names one carrier only", promise.NAMES_CARRIERS)
@@ -217,7 +234,7 @@ def _refuse_returned() -> None:
         return original(self, name, present=present)
 
     _replaced(Acts, "on_presence", on_presence)
-    acts.MAX_ABSENCE_NS = 10**15
+    vars(acts)["MAX_ABSENCE_NS"] = 10**15
 
 
 @_mistake("early-cue", "a person is told of success when the act begins", promise.CUE_AFTER_DONE)
@@ -264,11 +281,15 @@ def _number_by_result() -> None:
 # Events and owners
 
 
+def _commit_nothing(_outputs: Any) -> None:
+    """Write nothing to the journal."""
+
+
 @_mistake("publish-first", "the journal is written after publishing", promise.ONE_EVENT_A_NUMBER)
 def _publish_first() -> None:
     def put(original: Function, self: Any, outputs: list[Any]) -> list[Any]:
         commit = self._role.commit
-        self._role.commit = lambda _outputs: None
+        self._role.commit = _commit_nothing
         try:
             original(self, outputs)
         finally:
@@ -282,7 +303,7 @@ def _publish_first() -> None:
 
 @_mistake("numbers-anew", "a restarted selector begins to number anew", promise.ONE_EVENT_A_NUMBER)
 def _number_anew() -> None:
-    setattr(SelectionPublisher, "resume_numbering", lambda *_arguments: None)  # noqa: B010
+    _returning(SelectionPublisher, "resume_numbering", _nothing)
 
 
 @_mistake("swapped-events", "two events of one step are told in the wrong order", promise.IN_ORDER)
@@ -304,7 +325,10 @@ def _repeat_silently() -> None:
 
 @_mistake("equal-stamps", "an event has the time of its clock as stamp", promise.STAMPS_INCREASE)
 def _stamp_by_clock() -> None:
-    setattr(Ledger, "_next_stamp_ns", lambda _self, _object_id, now_ns: now_ns)  # noqa: B010
+    def stamp_ns(_original: Function, _self: Ledger, _object_id: str, now_ns: int) -> int:
+        return now_ns
+
+    _replaced(Ledger, "_next_stamp_ns", stamp_ns)
 
 
 @_mistake("selected-twice", "what somebody has is selected again", promise.ONE_OWNER)
@@ -327,7 +351,7 @@ def _clear_twice() -> None:
 
 @_mistake("any-owner", "anybody ends the claim of another person", promise.OWNER_DECIDES)
 def _ignore_owner() -> None:
-    setattr(Ledger, "blocking_owner", lambda *_arguments: "")  # noqa: B010
+    _returning(Ledger, "blocking_owner", str)
 
 
 @_mistake("undo-oldest", "undo takes the oldest step", promise.UNDO_IS_EXACT)
@@ -341,11 +365,15 @@ def _undo_oldest() -> None:
     _replaced(Ledger, "undo", undo)
 
 
+def _claim_mode(_object_id: str) -> Any:
+    return "claim"
+
+
 @_mistake("undo-fires", "undo takes back the end of a button", promise.UNDO_FIRES_NOTHING)
 def _undo_buttons() -> None:
     def remember(original: Function, self: Ledger, user: str, step: Any) -> None:
         mode = self._mode
-        self._mode = lambda _object_id: "claim"
+        self._mode = _claim_mode
         try:
             original(self, user, step)
         finally:
@@ -385,7 +413,7 @@ def _forget_lamp() -> None:
 
 @_mistake("keeper-forgets", "the keeper does not read its file", promise.OBSERVERS_AGREE)
 def _forget_states() -> None:
-    setattr(Keeper, "_restore", lambda _self: None)  # noqa: B010
+    _returning(Keeper, "_restore", _nothing)
 
 
 @_mistake("keeper-keeps-first", "the keeper keeps the first value of a state", promise.OBSERVERS_AGREE)
@@ -415,7 +443,7 @@ def _keep_warnings() -> None:
             original(self, code, sentence, *rest, **options)
 
     _replaced(ServiceBus, "warn", warn)
-    setattr(ServiceBus, "clear", lambda *_arguments: None)  # noqa: B010
+    _returning(ServiceBus, "clear", _nothing)
 
 
 # Life

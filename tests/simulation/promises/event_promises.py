@@ -96,8 +96,9 @@ class EventPromises:
             self._has_been_absent.discard(thing)
             return
         is_claim = thing not in BUTTONS and thing not in SWITCHES
-        if owner not in (None, event.user) and is_claim and event.cause in PERSONAL_CAUSES:
-            if self._is_present(owner) and not is_repeated:
+        is_of_person = event.cause in PERSONAL_CAUSES and not is_repeated
+        if owner is not None and owner != event.user and is_claim and is_of_person:
+            if self._is_present(owner):
                 self._breaches.add(promise.OWNER_DECIDES, f"{thing} of {owner} is ended by {event.user}")
         if owner is None and not is_repeated:
             self._breaches.add(promise.DESELECTS_SELECTED, f"{thing} by {event.user}: {event.reason}")
@@ -133,7 +134,7 @@ class EventPromises:
                 self._breaches.add(promise.WAITS_FOR_CARRIERS, text)
 
     def _reachable_for_s(self, selector: Process, carrier: Process, since_s: float) -> float:
-        """Return the time for which a carrier has been within reach of the site, s. 0 if it has a bad link."""
+        """Return the time for which a carrier has been within reach, s. 0 if a link is bad."""
         sessions = self._world.network.router.sessions
         for process in (selector, carrier):
             session = sessions.get(process)

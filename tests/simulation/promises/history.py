@@ -39,8 +39,8 @@ class History:
     def __init__(self, timeline: Timeline) -> None:
         self.events: dict[ActNumber, ToldEvent] = {}
         """Selected and deselected events, in order."""
-        self.newest: dict[tuple[str, str], tuple[Process, Any]] = {}
-        """Writer and newest message, by topic key and name: of states, hovers and frames."""
+        self.newest: dict[tuple[str, str], tuple[Process, Any, float]] = {}
+        """Writer, newest message and its time, s, by topic key and name: of states, hovers and frames."""
         self.selection: Any = None
         """Newest selection, or None."""
         self.carriers: dict[str, tuple[Process, float]] = {}
@@ -54,7 +54,7 @@ class History:
         """Take a message."""
         self.messages[topic.key] += 1
         if topic.delivery is Delivery.STATE or topic is topics.HOVER or topic is topics.STRIPS_FRAME:
-            self.newest[topic.key, name] = (process, message)
+            self.newest[topic.key, name] = (process, message, self._timeline.now_s)
         if topic is topics.SELECTION:
             self.selection = message
         elif topic is topics.SELECTION_EVENTS:

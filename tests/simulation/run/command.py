@@ -29,6 +29,8 @@ def main() -> int:
         print(f"tests.simulation: {error}", file=sys.stderr)
         return 2
     preload()
+    if options.mistakes:
+        return _find_mistakes(jobs, options.processes)
     if options.shrink:
         return _shrink(jobs[0], options.promise)
     if len(jobs) == 1:
@@ -58,6 +60,9 @@ def _parser() -> argparse.ArgumentParser:
         help="fault instead of those of the seed: at_s,kind,target,number,duration_s,detail",
     )  # fmt: skip
     parser.add_argument("--mistake", default="", choices=["", *MISTAKES], help="plant this mistake")
+    parser.add_argument(
+        "--mistakes", action="store_true", help="plant each mistake, and count the seeds until it is found"
+    )
     return parser
 
 
@@ -108,6 +113,24 @@ def _run_many(jobs: Sequence[Job], options: argparse.Namespace) -> int:
     print(f"{count} seeds, {simulated_s:.0f} simulated s in {cpu_s:.0f} s of CPU")
     print(f"{rate:.0f} seeds a minute of CPU, {speed:.0f} times real time")
     return int(bool(broken))
+
+
+def _find_mistakes(jobs: Sequence[Job], processes: int) -> int:
+    """Print a row for each mistake. Return 1 if the seeds do not find all of them."""
+    missed = 0
+    for name, mistake in MISTAKES.items():
+        others = Counter[str]()
+        planted = [Job(job.seed, job.plan, job.faults, name) for job in jobs]
+        for count, result in enumerate(run_jobs(planted, processes), 1):
+            if mistake.breaks.name in result.broken:
+                print(f"{name}: {count} seeds until `{mistake.breaks.name}`", flush=True)
+                break
+            others.update(result.broken or ([result.error[-300:]] if result.error else []))
+        else:
+            missed += 1
+            print(f"{name}: NOT FOUND by {len(planted)} seeds, which broke {dict(others)}", flush=True)
+    print(f"{len(MISTAKES) - missed} of {len(MISTAKES)} mistakes found")
+    return int(missed > 0)
 
 
 def _until(jobs: Sequence[Job], seconds: float | None, began_s: float) -> Iterator[Job]:

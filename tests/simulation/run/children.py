@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
+from pointit.schemas.base import SchemaModel
 from tests.simulation.faults.drawing import draw_plan
 from tests.simulation.faults.fault import Fault
 from tests.simulation.kernel.disks import install_disks
@@ -62,8 +63,16 @@ def preload() -> None:
     with _state_folder() as folder, asyncio.Runner(loop_factory=SimulationLoop) as runner:
         SeedRun(Simulation(runner.get_loop(), 0), Path(folder), draw_plan(0))
     Simulation.current = None
+    _complete_models(SchemaModel)
     gc.collect()
     gc.freeze()
+
+
+def _complete_models(model: type[SchemaModel]) -> None:
+    """Build the validators of a model and its subclasses, else built in each child."""
+    model.model_rebuild(raise_errors=False)
+    for each in model.__subclasses__():
+        _complete_models(each)
 
 
 def _state_folder() -> tempfile.TemporaryDirectory[str]:

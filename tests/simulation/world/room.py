@@ -46,7 +46,7 @@ site:
   led-driver: {{max_rate_hz: 4}}
   keeper: {{}}
   reactions: {{on: [sim]}}
-  conveyor-sim: {{surface: strip, lanes: [line], rate_hz: 5, speed_mps: 0.2,
+  conveyor-sim: {{surface: strip, lanes: [line], rate_hz: 2, speed_mps: 0.2,
     feeder: {{sequence: [red, blue], interval_s: 6.0, length_m: 0.3, initial: 1}}}}
 user:
   pointing: {{}}

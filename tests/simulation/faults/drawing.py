@@ -41,7 +41,8 @@ PASSES = (1.0, 1.0, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0)
 """Number of times that a process passes a point until it is killed there."""
 KINDS = (
     "kill", "kill", "kill at", "kill at", "kill at", "restart", "stop", "block", "cut", "router", "slow link",
-    "bad link", "clock", "drift", "full disk", "slow disk", "leave", "device", "by hand", "burst",
+    "bad link", "clock", "coarse clock", "drift", "full disk", "slow disk", "leave", "device", "by hand",
+    "burst",
 )  # fmt: skip
 HOST_NUMBERS = {
     "slow link": (0.05, 0.3, 1.0, 4.0, 7.0),
@@ -50,6 +51,7 @@ HOST_NUMBERS = {
     "drift": (-500.0, 500.0, 5000.0),
     "slow disk": (0.05, 0.4, 1.5),
     "full disk": (0.0,),
+    "coarse clock": (0.0,),
 }
 """Quantities of the faults of a machine or its link: delay, s, share of lost messages, offset, s, drift, ppm,
 duration of a write, s."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pointit.schemas import SetThing, topics
 from pointit.schemas.requests import UndoSelection
 from tests.simulation.faults.fault import Fault, FaultFormatError
-from tests.simulation.kernel.process import Process
+from tests.simulation.kernel.process import READING_NS, Process
 from tests.simulation.world.devices import Device
 from tests.simulation.world.world import Unit, World
 
@@ -37,6 +37,7 @@ class Injector:
             "bad link": self._bad_link,
             "clock": self._set_clock,
             "drift": self._drift,
+            "coarse clock": self._coarsen_clock,
             "full disk": self._fill_disk,
             "slow disk": self._slow_disk,
             "leave": self._leave,
@@ -142,6 +143,11 @@ class Injector:
     def _drift(self, fault: Fault) -> None:
         self._world.host(fault.target).drift_ppm = fault.number
 
+    def _coarsen_clock(self, fault: Fault) -> None:
+        host = self._world.host(fault.target)
+        host.reading_ns = 0
+        self._after(fault.duration_s, setattr, host, "reading_ns", READING_NS)
+
     def _fill_disk(self, fault: Fault) -> None:
         host = self._world.host(fault.target)
         host.disk_is_full = True
@@ -213,6 +219,7 @@ class Injector:
             world.network.router.mend(name)
             world.network.router.link(name).become_good()
             self._correct_clock(name)
+            host.reading_ns = READING_NS
             host.disk_is_full = False
             host.disk_delay_s = 0.0
         for device in world.devices.values():

@@ -13,6 +13,8 @@ from tests.architecture.sources import ROOT
 from tests.scripts.machine import PYTHON, UV, Machine
 
 PIP = "python -m pip install --quiet --disable-pip-version-check"
+COMPUTING = "tests/unit tests/simulation"
+"""Folders of the tests that compute."""
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the scripts are for POSIX shells")
 
@@ -74,7 +76,7 @@ def test_scripts_test_installs_its_extra_or_dev_for_named_tests(machine: Machine
 
     options = r"-n \d+ -q --dist loadfile --no-loadscope-reorder -p tests.support.cpu_times"
     chosen = "-m not slow and not long"
-    for call, folder in zip(parts_of(machine), ("tests/integration", "tests/unit"), strict=True):
+    for call, folder in zip(parts_of(machine), ("tests/integration", COMPUTING), strict=True):
         assert re.fullmatch(f"python -m pytest {options} {chosen} {folder}", call)
     assert machine.run("test", "-q", "tests/unit").returncode == 0
     assert machine.calls == [f"{install}[dev] -e {machine.root}/lab", "python -m pytest -q tests/unit"]
@@ -295,10 +297,10 @@ def test_ci_installs_what_tests_need_and_says_what_is_missing(machine: Machine, 
     assert ("E: no net" in done.stderr) == (not there)
 
     ran = [call for call in machine.calls if not call.startswith("apt-get")]
-    assert ran == ["setup 1 dev", "check 1 ", "test 1 --all"]
+    assert ran == ["setup 1 dev", "check 1 ", "test 1 --all", "seeds 1 --commit 60"]
 
 
-@pytest.mark.parametrize("folder", ["tests/unit", "tests"])
+@pytest.mark.parametrize("folder", [COMPUTING, "tests"])
 def test_scripts_test_fails_when_either_part_does(machine: Machine, folder: str) -> None:
     machine.add("python3", PYTHON)
     machine.run("test", "--all")
@@ -309,7 +311,7 @@ def test_scripts_test_fails_when_either_part_does(machine: Machine, folder: str)
     assert (done.returncode, f"1 failed in {folder}\n" in done.stdout) == (1, True)
 
 
-@pytest.mark.parametrize("fails", ["setup", "check", "test"])
+@pytest.mark.parametrize("fails", ["setup", "check", "test", "seeds"])
 def test_ci_fails_when_a_part_does(machine: Machine, fails: str) -> None:
     record_scripts(machine)
     path = machine.root / "scripts" / fails
@@ -317,19 +319,19 @@ def test_ci_fails_when_a_part_does(machine: Machine, fails: str) -> None:
     machine.add("id", "#!/bin/sh\necho 1\n")
     assert machine.run("../.ci/run").returncode == 1
     ran = [call.partition(" ")[0] for call in machine.calls]
-    assert ran == (["setup"] if fails == "setup" else ["setup", "check", "test"])
+    assert ran == (["setup"] if fails == "setup" else ["setup", "check", "test", "seeds"])
 
 
 def record_scripts(machine: Machine) -> None:
     shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    for name in ("setup", "check", "test"):
+    for name in ("setup", "check", "test", "seeds"):
         path = machine.root / "scripts" / name
         path.write_text(f'#!/bin/sh\necho "{name} $LOCKED $*" >> "$CALLS"\n', encoding="utf-8")
 
 
 def parts_of(machine: Machine) -> list[str]:
     """Return the two last calls, which run beside each other: the unit tests last."""
-    return sorted(machine.calls[-2:], key=lambda call: call.endswith(" tests/unit"))
+    return sorted(machine.calls[-2:], key=lambda call: call.endswith(f" {COMPUTING}"))
 
 
 def test_all_tests_except_the_nightly_run_in_two_parts(machine: Machine) -> None:
@@ -337,9 +339,11 @@ def test_all_tests_except_the_nightly_run_in_two_parts(machine: Machine) -> None
     machine.run("test", "--all")
     waiting, computing = parts_of(machine)
     usual = r"python -m pytest -n \d+ -q --dist loadfile --no-loadscope-reorder .* -m not long .*"
-    left_out = "--ignore tests/containers --ignore tests/interop --ignore=tests/unit"
+    left_out = (
+        "--ignore tests/containers --ignore tests/interop --ignore=tests/unit --ignore=tests/simulation"
+    )
     assert re.fullmatch(f"{usual} {left_out} tests", waiting)
-    assert re.fullmatch(f"{usual} tests/unit", computing)
+    assert re.fullmatch(f"{usual} {COMPUTING}", computing)
     assert "--ignore" not in computing
     night = (ROOT / ".ci/nightly").read_text(encoding="utf-8")
     assert {"tests/containers", "tests/interop"} <= {*night.split()}
@@ -380,5 +384,7 @@ def test_night_goes_on_after_a_failed_part(night_machine: Machine) -> None:
 def test_night_refuses_an_unknown_part_before_anything_runs(night_machine: Machine) -> None:
     done = night_machine.run("../.ci/nightly", "long", "figure")
     assert done.returncode == 2
-    assert "there is no part figure: choose from containers long versions mutants figures" in done.stderr
+    assert (
+        "there is no part figure: choose from containers long seeds versions mutants figures" in done.stderr
+    )
     assert night_machine.calls == []

@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 
 from tests.architecture.sources import ROOT
+from tests.simulation.promises import promise
+from tests.simulation.promises.promise import PROMISES
+from tests.simulation.run.kept import KEPT_FOLDER, read_kept
 
 
 def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -31,6 +34,38 @@ def test_a_seed_repeats_exactly(tmp_path: Path) -> None:
     assert len(_results(out)) == 4
     assert len(digests) == 2
     assert all(not each["error"] and each["counts"]["events"] > 20 for each in _results(out))
+
+
+def test_kept_failures_hold_all_promises() -> None:
+    kept = [str(path) for path in sorted(KEPT_FOLDER.glob("*.yaml"))]
+
+    done = _run("--kept", *kept)
+
+    assert done.returncode == 0, done.stdout
+    assert f"{len(kept)} seeds, " in done.stdout
+
+
+def test_ten_seeds_hold_all_promises() -> None:
+    done = _run("--seeds", "0-9")
+
+    assert done.returncode == 0, done.stdout
+    assert "10 seeds, " in done.stdout
+
+
+@pytest.mark.slow
+def test_a_planted_mistake_breaks_its_promise() -> None:
+    done = _run("--seed", "3", "--mistake", "no-follow")
+
+    assert done.returncode == 1
+    assert f"BROKEN {promise.FOLLOWS_TARGET.name}" in done.stdout
+
+
+@pytest.mark.parametrize("path", sorted(KEPT_FOLDER.glob("*.yaml")), ids=lambda path: path.stem)
+def test_a_kept_failure_names_a_promise_and_what_it_found(path: Path) -> None:
+    kept = read_kept(path)
+
+    assert kept.promise in {each.name for each in PROMISES}
+    assert kept.found.endswith(".")
 
 
 def test_a_fault_that_cannot_be_read_is_told_in_one_sentence() -> None:

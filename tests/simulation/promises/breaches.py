@@ -1,6 +1,7 @@
 """Broken promises of a run: the first breach of each, with the trace up to it."""
 
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tests.simulation.kernel.timeline import Timeline
@@ -28,6 +29,8 @@ class Breaches:
     def __init__(self, timeline: Timeline) -> None:
         self.first: dict[str, Breach] = {}
         """The first breach by promise."""
+        self.on_first: list[Callable[[Breach], object]] = []
+        """Called with the first breach of each promise."""
         self._timeline = timeline
 
     def add(self, promise: Promise, text: str, error: BaseException | None = None) -> None:
@@ -36,9 +39,10 @@ class Breaches:
         self._timeline.note("BROKEN", f"{promise.name}: {text}")
         if promise.name not in self.first:
             lines = list(self._timeline.trace)
-            self.first[promise.name] = Breach(
-                promise.name, text, self._timeline.now_s, _product_line(error), lines
-            )
+            breach = Breach(promise.name, text, self._timeline.now_s, _product_line(error), lines)
+            self.first[promise.name] = breach
+            for callback in self.on_first:
+                callback(breach)
 
 
 def _product_line(error: BaseException | None) -> str:

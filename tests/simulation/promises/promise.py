@@ -52,7 +52,7 @@ ONE_RESULT = Promise("an act has one result", "An act ends with one result.", HE
 KNOWN_OUTCOME = Promise(
     "an outcome is of an event that was told", "Its number is the object and the stamp of the event", ACTS
 )
-OUTCOME_FOLLOWS = Promise("an outcome follows each act", "**A restart of the selector ends no act.**", ACTS)
+OUTCOME_FOLLOWS = Promise("an outcome follows each act", "**Each act has an outcome**", ACTS)
 NOT_PENDING = Promise("no act is pending for ever", "an act without one ends as `no_answer`.", ACTS)
 NAMES_CARRIERS = Promise(
     "an act names its carriers",
@@ -94,7 +94,7 @@ REPEATED_SAYS_SO = Promise(
     HERE,
 )
 UNDO_IS_EXACT = Promise("undo gives back exactly", "*Undo* gives back exactly what the last step took.", HERE)
-UNDO_FIRES_NOTHING = Promise("undo fires no button", "*Undo* starts no button's program.", HERE)
+UNDO_FIRES_NOTHING = Promise("undo fires no button", "**Undo fires no button**", ACTS)
 CAN_SWITCH = Promise(
     "after faults a thing can be switched", "After the last fault, people switch things as before.", HERE
 )

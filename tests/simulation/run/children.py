@@ -23,6 +23,7 @@ from tests.simulation.kernel.loop import SimulationLoop
 from tests.simulation.kernel.simulation import Simulation
 from tests.simulation.mistakes import MISTAKES
 from tests.simulation.promises import promise
+from tests.simulation.promises.breaches import Breach
 from tests.simulation.run.result import Result
 from tests.simulation.run.seed_run import SeedRun
 from tests.simulation.world.world import Plan
@@ -54,6 +55,8 @@ class Job:
     mistake: str = ""
     """Name of a planted mistake."""
     trace_file: str = ""
+    ends_at: str = ""
+    """Name of the promise at whose breach the run ends."""
 
 
 def preload() -> None:
@@ -127,6 +130,12 @@ def _run(job: Job, folder: Path, pipe: int) -> None:
     if job.trace_file:
         simulation.full_trace = []
     run = SeedRun(simulation, folder, job.plan, job.faults)
+
+    def end_at_breach(breach: Breach) -> None:
+        if breach.promise == job.ends_at:
+            _end(run, "", job.trace_file, pipe)
+
+    run.breaches.on_first.append(end_at_breach)
 
     def stop(_number: int, frame: FrameType | None) -> None:
         stack = "".join(traceback.format_stack(frame, limit=6))

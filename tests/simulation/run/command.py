@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -109,6 +110,8 @@ def _run_many(jobs: Sequence[Job], options: argparse.Namespace) -> int:
     for name, number in broken.most_common():
         print(f"{number:4d} seeds broke: {name}")
     rate = 60 * count / max(cpu_s, 0.01)
+    if count:
+        print(f"first seed {jobs[0].seed}")
     speed = simulated_s / max(cpu_s, 0.01)
     print(f"{count} seeds, {simulated_s:.0f} simulated s in {cpu_s:.0f} s of CPU")
     print(f"{rate:.0f} seeds a minute of CPU, {speed:.0f} times real time")
@@ -120,7 +123,7 @@ def _find_mistakes(jobs: Sequence[Job], processes: int) -> int:
     missed = 0
     for name, mistake in MISTAKES.items():
         others = Counter[str]()
-        planted = [Job(job.seed, job.plan, job.faults, name) for job in jobs]
+        planted = [replace(job, mistake=name, ends_at=mistake.breaks.name) for job in jobs]
         for count, result in enumerate(run_jobs(planted, processes), 1):
             if mistake.breaks.name in result.broken:
                 print(f"{name}: {count} seeds until `{mistake.breaks.name}`", flush=True)
@@ -147,12 +150,12 @@ def _shrink(job: Job, promise: str) -> int:
     promise = promise or first.broken[0]
 
     def breaks(faults: Sequence[Fault]) -> bool:
-        is_broken = promise in run_job(Job(job.seed, job.plan, faults, job.mistake)).broken
+        is_broken = promise in run_job(replace(job, faults=faults, ends_at=promise)).broken
         print(f"{len(faults)} faults: {'broken' if is_broken else 'holds'}", flush=True)
         return is_broken
 
     faults = shrink([parse_fault(line) for line in first.faults], breaks)
-    _show(run_job(Job(job.seed, job.plan, faults, job.mistake, job.trace_file)), is_long=True)
+    _show(run_job(replace(job, faults=faults)), is_long=True)
     kept = KeptFailure(f"What it found. Seed {job.seed}.", promise, job.plan or draw_plan(job.seed), faults)
     print(yaml.safe_dump(kept.to_yaml(), sort_keys=False, width=110))
     return 1

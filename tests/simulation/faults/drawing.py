@@ -74,6 +74,9 @@ def draw_plan(seed: int) -> Plan:
         calm_s=CALM_S,
         home_latency_s=random.choice((0.03, 0.3, 1.5)),
         operator_period_s=DENSE_PERIOD_S if has_one_fault(seed) else random.choice((0.15, 0.4, 1.0)),
+        fail_share=random.choice((0.0, 0.05, 0.2)),
+        late_share=random.choice((0.0, 0.0, 0.05)),
+        by_hand_period_s=random.choice((0.0, 3.0)),
     )
 
 

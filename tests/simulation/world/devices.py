@@ -17,6 +17,8 @@ STARTED_LATENCY_S = 2.0
 """Latency above which a program tells that it has started, s."""
 EFFECT_SHARE = 0.7
 """Share of the latency after which the device has switched. Its answer takes the rest."""
+LATE_S = 6.0
+"""Latency beyond the limit, s."""
 FOR_EVER_S = 3600.0
 
 DEVICES = (
@@ -42,6 +44,9 @@ class Deed:
     is_on: bool
     takes_back: bool
     began_s: float
+    fails: bool = False
+    is_stuck: bool = False
+    latency_s: float = 0.0
     result: str = ""
     """`done`, `failed`, `cancelled`, or `""` while it goes on."""
 
@@ -61,6 +66,11 @@ class Device:
         self.latency_s = LATENCY_S
         self.fails = False
         self.is_stuck = False
+        self.fail_share = 0.0
+        """Share of acts at which it fails."""
+        self.late_share = 0.0
+        """Share of acts for which it takes longer than their limit."""
+        self._random = timeline.random(f"device {carrier} {thing}")
         self.deeds: list[Deed] = []
         self.on_change: list[Callable[[], object]] = []
         self.on_deed: list[DeedObserver] = []
@@ -73,6 +83,8 @@ class Device:
         """End all faults."""
         self.fails = False
         self.is_stuck = False
+        self.fail_share = 0.0
+        self.late_share = 0.0
         self.latency_s = self.usual_latency_s
 
     def switch(self, *, is_on: bool) -> None:
@@ -88,19 +100,23 @@ class Device:
         """Begin to do what `act` says. It has its effect even if the process dies meanwhile."""
         event = act.event
         deed = Deed(self, (act.thing, event.stamp_ns), act.on, event.takes_back, self.timeline.now_s)
+        deed.fails = self.fails or self._random.random() < self.fail_share
+        deed.is_stuck = self.is_stuck
+        is_late = self._random.random() < self.late_share
+        deed.latency_s = LATE_S if is_late else self.latency_s
         self.deeds.append(deed)
         state = "on" if act.on else "off"
         purpose = " (takes back)" if event.takes_back else ""
         self.timeline.note("deed", f"{self} {state} for {event.stamp_ns % 10**12}{purpose}")
         for observe in self.on_deed:
             observe(deed)
-        if not self.is_stuck:
-            self.timeline.after(EFFECT_SHARE * self.latency_s, self._take_effect, deed, self.fails)
+        if not deed.is_stuck:
+            self.timeline.after(EFFECT_SHARE * deed.latency_s, self._take_effect, deed)
         return deed
 
-    def _take_effect(self, deed: Deed, fails: bool) -> None:
+    def _take_effect(self, deed: Deed) -> None:
         is_ended = deed.result == "cancelled" and self.kind == "program"
-        if is_ended or fails:
+        if is_ended or deed.fails:
             return
         self.switch(is_on=deed.is_on)
         deed.result = deed.result or "done"
@@ -132,16 +148,13 @@ class SimulatedTarget:
         if process is not None and process.is_dead:
             await asyncio.Event().wait()  # it was killed in this very step
         deed = device.begin(act)
-        fails = device.fails
-        is_stuck = device.is_stuck
-        latency_s = device.latency_s
-        if latency_s > STARTED_LATENCY_S and device.kind == "program":
+        if deed.latency_s > STARTED_LATENCY_S and device.kind == "program":
             act.tell_started()
         try:
-            await asyncio.sleep(FOR_EVER_S if is_stuck else latency_s)
+            await asyncio.sleep(FOR_EVER_S if deed.is_stuck else deed.latency_s)
         except asyncio.CancelledError:
             deed.result = deed.result or "cancelled"
             raise
-        if fails:
+        if deed.fails:
             deed.result = "failed"
             raise ActFailedError("unavailable", f"{device.thing} cannot be reached: look at its plug")

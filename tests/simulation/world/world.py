@@ -5,6 +5,7 @@ import functools
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from random import Random
 
 from pointit.launch.plan.launches import Choices, shard_launches, site_launches, user_launches
 from pointit.launch.plan.plan import read_scenario
@@ -51,6 +52,12 @@ class Plan:
     """Time from the end of all faults to the checks at rest, s."""
     home_latency_s: float
     operator_period_s: float
+    fail_share: float = 0.0
+    """Share of acts at which a device fails, also without a fault."""
+    late_share: float = 0.0
+    """Share of acts for which a device takes longer than their limit."""
+    by_hand_period_s: float = 0.0
+    """Mean time from one switching by hand to the next, s. 0: nobody does."""
 
 
 @dataclass(eq=False)
@@ -98,6 +105,11 @@ class World:
         for device in self._devices_of("home-assistant"):
             device.usual_latency_s = plan.home_latency_s
             device.latency_s = plan.home_latency_s
+        for device in self.devices.values():
+            device.fail_share = plan.fail_share
+            device.late_share = plan.late_share
+        if plan.by_hand_period_s > 0.0:
+            self._switch_by_hand_later(simulation.random("by hand"))
         self._add_units()
 
     def host(self, name: str) -> Host:
@@ -114,6 +126,17 @@ class World:
 
     def _devices_of(self, carrier: str) -> list[Device]:
         return [device for device in self.devices.values() if device.carrier == carrier]
+
+    def _switch_by_hand_later(self, random: Random) -> None:
+        """Let somebody switch a device by hand, again and again while the operator is active."""
+        wait_s = random.expovariate(1.0 / self.plan.by_hand_period_s)
+        self.simulation.after(wait_s, self._switch_by_hand, random)
+
+    def _switch_by_hand(self, random: Random) -> None:
+        if self.operator.is_active:
+            device = random.choice(self._devices_of("home-assistant"))
+            device.switch(is_on=not device.is_on)
+            self._switch_by_hand_later(random)
 
     # Units
 

@@ -38,16 +38,20 @@ class Mistake:
     text: str
     breaks: Promise
     plant: Callable[[], object]
+    faults: tuple[str, ...] = ()
+    """Faults by which it is found, for one that needs rare faults."""
 
 
 MISTAKES: dict[str, Mistake] = {}
 
 
-def _mistake(name: str, text: str, breaks: Promise) -> Callable[[Callable[[], object]], Callable[[], object]]:
+def _mistake(
+    name: str, text: str, breaks: Promise, *faults: str
+) -> Callable[[Callable[[], object]], Callable[[], object]]:
     """Add the decorated function as a mistake."""
 
     def add(plant: Callable[[], object]) -> Callable[[], object]:
-        MISTAKES[name] = Mistake(text, breaks, plant)
+        MISTAKES[name] = Mistake(text, breaks, plant, faults)
         return plant
 
     return add
@@ -79,18 +83,30 @@ def _nothing() -> None:
 # Carriers
 
 
-@_mistake("late-acts", "a carrier carries out an act that arrives late", promise.NOT_LATE)
+async def _ask_nobody(_carrier: Carrier, _event: Any) -> None:
+    """Begin an act without asking the selector whether it still waits for it."""
+
+
+@_mistake("late-acts", "a carrier carries out an act that arrives late", promise.NOT_LATE, "8,cut,far,0,8,")
 def _carry_out_late() -> None:
     vars(carrier)["MAX_ACT_AGE_S"] = 600.0
     _returning(Carrier, "_check_in_time", _nothing)
+    _begin_unasked()
 
 
-@_mistake("no-limit", "a carrier begins an act whose limit is over", promise.FAILED_IS_OVER)
-def _ignore_limit() -> None:
-    _returning(Carrier, "_check_in_time", _nothing)
+@_mistake(
+    "unasked", "a carrier begins an act that was told as failed", promise.FAILED_IS_OVER, "8,cut,far,0,4,"
+)
+def _begin_unasked() -> None:
+    setattr(Carrier, "_ask_selector", _ask_nobody)  # noqa: B010
 
 
-@_mistake("repeated-acts", "a carrier carries out an event again that is told again", promise.NOT_TWICE)
+@_mistake(
+    "repeated-acts",
+    "a carrier carries out an event again that is told again",
+    promise.NOT_TWICE,
+    "8,kill at,selector,1,1,after selection/events",
+)
 def _carry_out_repeated() -> None:
     vars(carrier)["REPEATED_REASON"] = "never"
 
@@ -122,7 +138,12 @@ def _carry_out_all() -> None:
     _replaced(Carrier, "_on_event", on_event)
 
 
-@_mistake("states-once", "a carrier tells the states of its things only once", promise.FOLLOWS_TARGET)
+@_mistake(
+    "states-once",
+    "a carrier tells the states of its things only once",
+    promise.FOLLOWS_TARGET,
+    "27.5,by hand,home-assistant/heater,0,0,",
+)
 def _tell_once() -> None:
     def tell(original: Function, self: Carrier) -> None:
         if not self._last_states:
@@ -164,7 +185,12 @@ def _leave_tasks() -> None:
 # The selector's acts
 
 
-@_mistake("forgotten-acts", "a restarted selector does not wait for acts", promise.OUTCOME_FOLLOWS)
+@_mistake(
+    "forgotten-acts",
+    "a restarted selector does not wait for acts",
+    promise.OUTCOME_FOLLOWS,
+    "8,kill,selector,2,0,",
+)
 def _forget_acts() -> None:
     def restore(original: Function, self: Arbiter, *arguments: Any, **options: Any) -> None:
         options["pending"] = ()
@@ -173,7 +199,12 @@ def _forget_acts() -> None:
     _replaced(Arbiter, "restore", restore)
 
 
-@_mistake("forgotten-outcomes", "the journal does not keep outcomes", promise.OUTCOME_FOLLOWS)
+@_mistake(
+    "forgotten-outcomes",
+    "the journal does not keep outcomes",
+    promise.OUTCOME_FOLLOWS,
+    "8,kill at,selector,2,2,committed",
+)
 def _forget_outcomes() -> None:
     def begin(original: Function, self: Journal, now_ns: int) -> Any:
         contents = original(self, now_ns)
@@ -183,7 +214,12 @@ def _forget_outcomes() -> None:
     _replaced(Journal, "begin", begin)
 
 
-@_mistake("forgotten-carriers", "a start does not wait for carriers", promise.WAITS_FOR_CARRIERS)
+@_mistake(
+    "forgotten-carriers",
+    "a start does not wait for carriers",
+    promise.WAITS_FOR_CARRIERS,
+    "8,kill,selector,0.3,0,",
+)
 def _forget_carriers() -> None:
     def restore(original: Function, self: Arbiter, *arguments: Any, **options: Any) -> None:
         options["carried"] = ()
@@ -225,7 +261,12 @@ def _name_one_carrier() -> None:
     _replaced(Acts, "begin", begin)
 
 
-@_mistake("refuses-returned", "a carrier that has ended once stays refused", promise.CAN_SWITCH)
+@_mistake(
+    "refuses-returned",
+    "a carrier that has ended once stays refused",
+    promise.CAN_SWITCH,
+    "8,kill,home-assistant,1,0,",
+)
 def _refuse_returned() -> None:
     def on_presence(original: Function, self: Acts, name: str, *, present: bool) -> Any:
         known = self._carriers.get(name)
@@ -285,7 +326,12 @@ def _commit_nothing(_outputs: Any) -> None:
     """Write nothing to the journal."""
 
 
-@_mistake("publish-first", "the journal is written after publishing", promise.ONE_EVENT_A_NUMBER)
+@_mistake(
+    "publish-first",
+    "the journal is written after publishing",
+    promise.ONE_EVENT_A_NUMBER,
+    "8,kill at,selector,2,1,after selection/events",
+)
 def _publish_first() -> None:
     def put(original: Function, self: Any, outputs: list[Any]) -> list[Any]:
         commit = self._role.commit
@@ -301,7 +347,12 @@ def _publish_first() -> None:
     _replaced(Selector, "_put", put)
 
 
-@_mistake("numbers-anew", "a restarted selector begins to number anew", promise.ONE_EVENT_A_NUMBER)
+@_mistake(
+    "numbers-anew",
+    "a restarted selector begins to number anew",
+    promise.ONE_EVENT_A_NUMBER,
+    "8,kill,selector,1,0,",
+)
 def _number_anew() -> None:
     _returning(SelectionPublisher, "resume_numbering", _nothing)
 
@@ -314,7 +365,12 @@ def _swap_events() -> None:
     _replaced(Selector, "_put", put)
 
 
-@_mistake("silent-repetition", "a repeated event does not say so", promise.REPEATED_SAYS_SO)
+@_mistake(
+    "silent-repetition",
+    "a repeated event does not say so",
+    promise.REPEATED_SAYS_SO,
+    "8,kill at,selector,1,1,after selection/events",
+)
 def _repeat_silently() -> None:
     def event_of(original: Function, record: Any, seq: int, *, again: bool = False) -> Any:
         del again
@@ -323,7 +379,13 @@ def _repeat_silently() -> None:
     _replaced(roles, "event_of", event_of)
 
 
-@_mistake("equal-stamps", "an event has the time of its clock as stamp", promise.STAMPS_INCREASE)
+@_mistake(
+    "equal-stamps",
+    "an event has the time of its clock as stamp",
+    promise.STAMPS_INCREASE,
+    "6,coarse clock,hub,0,16,",
+    "8,burst,heater,60,0,set",
+)
 def _stamp_by_clock() -> None:
     def stamp_ns(_original: Function, _self: Ledger, _object_id: str, now_ns: int) -> int:
         return now_ns
@@ -411,7 +473,9 @@ def _forget_lamp() -> None:
     _replaced(ThingLamps, "set_selection", set_selection)
 
 
-@_mistake("keeper-forgets", "the keeper does not read its file", promise.OBSERVERS_AGREE)
+@_mistake(
+    "keeper-forgets", "the keeper does not read its file", promise.OBSERVERS_AGREE, "8,kill,keeper,1,0,"
+)
 def _forget_states() -> None:
     _returning(Keeper, "_restore", _nothing)
 

@@ -19,6 +19,8 @@ from tests.simulation.run.result import Result
 from tests.simulation.run.shrinking import shrink
 
 SHOWN_LINES = 60
+PLANTED_SEED = 3
+"""Seed that a mistake with faults of its own is tried in first."""
 
 
 def main() -> int:
@@ -124,14 +126,18 @@ def _find_mistakes(jobs: Sequence[Job], processes: int) -> int:
     for name, mistake in MISTAKES.items():
         others = Counter[str]()
         planted = [replace(job, mistake=name, ends_at=mistake.breaks.name) for job in jobs]
+        if mistake.faults:
+            faults = [parse_fault(line) for line in mistake.faults]
+            planted.insert(0, replace(planted[0], seed=PLANTED_SEED, faults=faults))
         for count, result in enumerate(run_jobs(planted, processes), 1):
             if mistake.breaks.name in result.broken:
-                print(f"{name}: {count} seeds until `{mistake.breaks.name}`", flush=True)
+                how = "with its faults" if count == 1 and mistake.faults else "with faults of a seed"
+                print(f"{name}: run {count}, {how}, broke `{mistake.breaks.name}`", flush=True)
                 break
             others.update(result.broken or ([result.error[-300:]] if result.error else []))
         else:
             missed += 1
-            print(f"{name}: NOT FOUND by {len(planted)} seeds, which broke {dict(others)}", flush=True)
+            print(f"{name}: NOT FOUND in {len(planted)} runs, which broke {dict(others)}", flush=True)
     print(f"{len(MISTAKES) - missed} of {len(MISTAKES)} mistakes found")
     return int(missed > 0)
 

@@ -152,15 +152,6 @@ def _tell_once() -> None:
     _replaced(Carrier, "tell", tell)
 
 
-@_mistake("no-last-result", "a carrier forgets the last result of a thing", promise.DONE_IS_DONE)
-def _forget_results() -> None:
-    def put(original: Function, self: Carrier, event: Any, result: Any, problem: Any = None) -> None:
-        original(self, event, result, problem)
-        self._results.clear()
-
-    _replaced(Carrier, "_put_result", put)
-
-
 @_mistake("unhandled", "a handler of a carrier raises an error at an undo", promise.NO_EXCEPTION)
 def _raise_at_undo() -> None:
     async def carry_out(original: Function, self: Carrier, act: Any, *arguments: Any) -> None:

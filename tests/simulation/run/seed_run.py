@@ -152,9 +152,19 @@ class SeedRun:
             unit.is_wanted = False
             self.world.end(unit.name)
         await asyncio.sleep(END_S)
+        self._check_exceptions()
         for unit in self.world.units.values():
             if unit.process is not None:
                 self.breaches.add(promise.ENDS_WHEN_ASKED, unit.name)
+
+    def _check_exceptions(self) -> None:
+        """Check that each exception of a task was looked at. Kept tasks are not logged by asyncio."""
+        for process in self.simulation.processes:
+            for task in process.tasks:
+                if task.done() and not task.cancelled() and getattr(task, "_log_traceback", False):
+                    error = task.exception()
+                    text = f"{process.name}: {task.get_name()} ended with {error!r}"
+                    self.breaches.add(promise.NO_EXCEPTION, text, error)
 
     def result(self) -> Result:
         """Return the result so far."""

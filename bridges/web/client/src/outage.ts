@@ -1,4 +1,4 @@
-/** Why the scene stands still: a service without which it must, and the cause as far as it is known. */
+/** Reason why the scene stands still: a service without which it must, and the cause as far as it is known. */
 
 import { capital } from "./format";
 import type { Site } from "./site/site";
@@ -31,18 +31,29 @@ function whole({ status }: Known): FindingLine | undefined {
     : undefined;
 }
 
-/** One sentence for people; empty while all run. */
-export function outage({ status }: Known): string {
-  if (status && status.run !== "runs") return ""; // services leave or start as they should
+/** What stands still, in a few words, and why, with the remedy. */
+export interface Outage {
+  readonly title: string;
+  readonly detail: string;
+}
+
+/** What stands still; null while all run. */
+export function outage({ status }: Known): Outage | null {
+  if (status && status.run !== "runs") return null; // services leave or start as they should
   const site = whole({ status });
-  if (site) return `${capital(site.sentence)}; ${site.remedy}`;
+  if (site) return { title: "The site is out of reach.", detail: causeText("", site) };
   for (const [service, effect] of Object.entries(EFFECTS)) {
     const isGone =
       status?.services.some(({ instance, present }) => instance === service && !present) ?? false;
     const cause = status?.findings.find(
       (each) => each.service === service && each.severity === "error" && (isGone || each.code === SILENT),
     );
-    if (cause) return `${effect}: ${service} ${cause.sentence}${cause.remedy ? `; ${cause.remedy}` : ""}`;
+    if (cause) return { title: `${effect}:`, detail: causeText(service, cause) };
   }
-  return "";
+  return null;
+}
+
+function causeText(service: string, { sentence, remedy }: FindingLine): string {
+  const cause = service ? `${service} ${sentence}` : capital(sentence);
+  return remedy ? `${cause}; ${remedy}` : cause;
 }

@@ -156,8 +156,8 @@ test("a vital service that is gone or hangs is one sentence with its cause", () 
   });
   const line = (instance: string, present: boolean) => ({ instance, present, since_s: 1 });
   const told = (services: Status["services"], findings: Status["findings"]): string =>
-    outage({ status: { ...status(), services, findings } });
-  assert.equal(outage({ status: null }), "");
+    Object.values(outage({ status: { ...status(), services, findings } }) ?? {}).join(" ");
+  assert.equal(outage({ status: null }), null);
   assert.equal(told([line("pui", true)], [finding("pui", "3 handlers failed")]), "", "it runs");
   assert.equal(told([line("selector", false)], []), "", "it was not to run");
   assert.equal(told([line("keeper", false)], [finding("keeper", "should run and does not")]), "");
@@ -171,7 +171,7 @@ test("a vital service that is gone or hangs is one sentence with its cause", () 
   ];
   assert.equal(
     told([line("pui", false)], all),
-    "The router at x does not answer; start it again",
+    "The site is out of reach. The router at x does not answer; start it again",
     "what follows is not told",
   );
   assert.match(

@@ -5,7 +5,7 @@ import { renderToString } from "preact-render-to-string";
 import type { Controls } from "../controls";
 import { emptySite, type Site } from "../site/site";
 import { LatencyHistory } from "../site/timing";
-import { Health } from "./health";
+import { Health, Sentence } from "./health";
 import { lineThrough, ticksTo } from "./latency_graph";
 
 const USER = "anna";
@@ -68,4 +68,29 @@ test("an axis has round ticks, and a line has gaps", () => {
   assert.deepEqual(ticksTo(40), [0, 10, 20, 30, 40]);
   const same = (value: number): number => value;
   assert.equal(lineThrough([1, null, 2, 3], same, same), "M0.0 1.0M2.0 2.0L3.0 3.0");
+});
+
+test("a sentence has a capital, a full stop, and words of programs without backticks", () => {
+  const page = renderToString(<Sentence text="process 12 is slow: run `top`" />);
+  assert.equal(page, "Process 12 is slow: run <code>top</code>.");
+});
+
+test("services are grouped by person, folded while all of a person are up", () => {
+  const site = emptySite();
+  const service = (instance: string, present: boolean) => ({ instance, present, since_s: 7 });
+  const services = [
+    service("pui", true),
+    service("pointing.anna", true),
+    service("localizer.anna", true),
+    service("pointing.bob", false),
+    service("localizer.bob", true),
+  ];
+  site.status = { services, findings: [] } as never;
+  const page = drawn(site);
+  assert.match(page, /<details class="services"><summary>.*<span>anna<\/span><span class="muted">2 up/);
+  assert.match(
+    page,
+    /<details class="services" open[^>]*><summary>.*bob<\/span><span class="muted">1 of 2 up/,
+  );
+  assert.match(page, /<li data-up="false">.*<span>pointing<\/span><span class="muted">down 7 s/);
 });

@@ -1,7 +1,15 @@
 /** Health of the site: latency, rates, losses, uncertainty, findings, services. */
 
 import type { Controls } from "../controls";
-import { bytes, byName, duration, figure, milliseconds, rendererName } from "../format";
+import {
+  bytes,
+  byName,
+  duration,
+  figure,
+  milliseconds,
+  rendererName,
+  sentence as asSentence,
+} from "../format";
 import type { Health as Account } from "../messages";
 import { figureOf, losses, rates } from "../site/figures";
 import type { Site } from "../site/site";
@@ -165,30 +173,91 @@ function FindingLine({ finding }: { finding: Findings[number] }) {
       <Icon name={icon} />
       <div>
         <strong>{service ? `${name}: ${service}` : name}</strong>
-        <p>{sentence}</p>
-        {remedy && <p class="muted">{remedy}</p>}
+        <p>
+          <Sentence text={sentence} />
+        </p>
+        {remedy && (
+          <p class="muted">
+            <Sentence text={remedy} />
+          </p>
+        )}
       </div>
     </li>
   );
 }
 
-function Services({ services }: { services: Status["services"] }) {
+/** A sentence of a service, whose words of a program are between backticks. */
+export function Sentence({ text }: { text: string }) {
+  const parts = asSentence(text).split("`");
+  return <>{parts.map((part, index) => (index % 2 === 1 ? <code key={index}>{part}</code> : part))}</>;
+}
+
+type Service = Status["services"][number];
+
+/** Services of the site, and those of each person together, folded while all of them are up. */
+function Services({ services }: { services: readonly Service[] }) {
   const sorted = [...services].sort(
     (a, b) => Number(a.present) - Number(b.present) || byName(a.instance, b.instance),
   );
+  const users = [...new Set(services.map(userOf).filter(Boolean))].sort(byName);
   return (
     <Section title="Services">
       <ul class="services">
-        {sorted.map(({ instance, present, since_s: since }) => (
-          <li key={instance} data-up={String(present)}>
-            <Icon name={present ? "check" : "close"} />
-            <span>{instance}</span>
-            <span class="muted">{`${present ? "up" : "down"} ${duration(since)}`}</span>
-          </li>
-        ))}
+        {sorted
+          .filter((service) => !userOf(service))
+          .map((service) => (
+            <ServiceLine key={service.instance} service={service} name={service.instance} />
+          ))}
       </ul>
+      {users.map((user) => (
+        <ServicesOfPerson
+          key={user}
+          user={user}
+          services={sorted.filter((service) => userOf(service) === user)}
+        />
+      ))}
     </Section>
   );
+}
+
+function ServicesOfPerson({ user, services }: { user: string; services: readonly Service[] }) {
+  const up = services.filter(({ present }) => present).length;
+  const isWhole = up === services.length;
+  return (
+    <details class="services" key={String(isWhole)} open={!isWhole}>
+      <summary>
+        <Icon name={isWhole ? "check" : "close"} />
+        <span>{user}</span>
+        <span class="muted">{isWhole ? `${up} up` : `${up} of ${services.length} up`}</span>
+        <Icon name="chevron" />
+      </summary>
+      <ul class="services">
+        {services.map((service) => (
+          <ServiceLine
+            key={service.instance}
+            service={service}
+            name={service.instance.slice(0, -user.length - 1)}
+          />
+        ))}
+      </ul>
+    </details>
+  );
+}
+
+function ServiceLine({ service, name }: { service: Service; name: string }) {
+  const { present, since_s: since } = service;
+  return (
+    <li data-up={String(present)}>
+      <Icon name={present ? "check" : "close"} />
+      <span>{name}</span>
+      <span class="muted">{`${present ? "up" : "down"} ${duration(since)}`}</span>
+    </li>
+  );
+}
+
+/** User of an instance such as `localizer.anna`, or "" for a service that all share. */
+function userOf({ instance }: Service): string {
+  return instance.split(".")[1] ?? "";
 }
 
 function ThisPage({ site, stats }: { site: Site; stats: ViewStats | null }) {

@@ -335,7 +335,7 @@ class Editor {
     );
     renew(
       this.rest,
-      JSON.stringify([found.rest, items.map((item) => [item.name, found.of(item).size]), this.chosenId]),
+      JSON.stringify([this.findings, items.map(({ id, name }) => [id, name]), this.chosenId]),
       () => [
         ...found.rest.map((finding) => findingLine(finding, finding.where)),
         ...items

@@ -3,7 +3,7 @@ import { test } from "node:test";
 import * as THREE from "three";
 import { Labels, NAME } from "./labels";
 import { DARK } from "./mesh_factory";
-import { partsOf } from "./state";
+import { partsOf } from "./thing_states";
 
 /** What labels use of an element, 90 px wide. */
 class Element {

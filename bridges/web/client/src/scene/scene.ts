@@ -20,7 +20,7 @@ import { Labels, NAME } from "./labels";
 import { Names } from "./names";
 import { People } from "./people";
 import { Picture } from "./picture";
-import { counts, state } from "./state";
+import { drawCounts, drawStates } from "./thing_states";
 import { makeWorld, NOTHING, type World } from "./world";
 
 /** Longer than this between two frames nothing has moved, s. */
@@ -341,8 +341,9 @@ class Scene implements View {
       ) || moves;
     moves = world.robots.draw(site) || moves;
     world.things.setImmersed(this.picture.isImmersed);
-    state(site, world.things, world.marks, this.labels, world.factory.theme.dark);
-    counts(site, world.bays, this.labels);
+    const { things, marks } = world;
+    drawStates(site, { things, marks, labels: this.labels, isDark: world.factory.theme.dark });
+    drawCounts(site, world.bays, this.labels);
     return moves;
   }
 

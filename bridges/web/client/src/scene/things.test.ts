@@ -7,86 +7,109 @@ import { boxColor, type Rgb } from "../geometry/appearance";
 import { Polyline } from "../geometry/polyline";
 import { emptyPerson, emptySite } from "../site/site";
 import { DARK, MeshFactory } from "./mesh_factory";
-import { state } from "./state";
+import { drawStates } from "./thing_states";
 import { Things } from "./things";
 
-test("an object with a size is a box of that size and yaw: dim, in the colour of who points at it, bright once selected", () => {
+const CURSOR: Rgb = [255, 255, 200];
+/** Red, green and blue of a box that nobody points at. */
+const DIM: Rgb = [90, 90, 90];
+/** Elements of the matrix of one box. */
+const MATRIX = 16;
+
+const SCREWS = {
+  id: "t",
+  kind: "screws",
+  position_m: [1, 2, 1.4],
+  velocity_mps: [0, 0, 0],
+  length_m: 0.6,
+  size_m: [0.4, 0.2, 0.3],
+  yaw_rad: Math.PI / 2,
+} as unknown as TrackedObject;
+const ON_SHELF = {
+  surface: "strip",
+  surface_id: "shelf",
+  surface_position_m: 0.5,
+  surface_speed_mps: 0,
+} as const;
+
+/** A scene with one box on a shelf, at which ada may point. */
+function withBox() {
   const factory = new MeshFactory(true, DARK);
-  const things = new Things(
-    factory,
-    () =>
-      new Polyline([
-        [0, 0, 0],
-        [1, 0, 0],
-      ]),
-  );
+  const shelf = new Polyline([
+    [0, 0, 0],
+    [1, 0, 0],
+  ]);
+  const things = new Things(factory, () => shelf);
   const site = emptySite();
   const ada = emptyPerson("ada");
-  const texts: string[] = [];
-  const color: Rgb = [255, 255, 200];
-  const object = {
-    id: "t",
-    kind: "screws",
-    position_m: [1, 2, 1.4],
-    velocity_mps: [0, 0, 0],
-    length_m: 0.6,
-    size_m: [0.4, 0.2, 0.3],
-    yaw_rad: Math.PI / 2,
-    surface: "strip",
-    surface_id: "shelf",
-    surface_position_m: 0.5,
-    surface_speed_mps: 0,
-  } as unknown as TrackedObject;
-  const drawn = (): Rgb => {
-    state(
-      site,
-      things,
-      { add: () => undefined } as never,
-      {
-        add: (_key: string, _at: unknown, _up: number, [piece]: { text: string }[]) =>
-          texts.push(piece!.text),
-      } as never,
-      false,
-    );
-    return [...box.instanceColor!.array.slice(0, 3)] as unknown as Rgb;
-  };
-  const linear = (shown: Rgb) =>
-    shown.map((part) => (part / 255 <= 0.04045 ? part / 255 / 12.92 : ((part / 255 + 0.055) / 1.055) ** 2.4));
-  const near = (got: ArrayLike<number>, wanted: readonly number[]) =>
-    assert.ok(
-      wanted.every((part, i) => Math.abs(part - got[i]!) < 1e-5),
-      `${Array.from(got)} instead of ${wanted}`,
-    );
-  ada.profile = { cursor_color: color, pattern: "solid" } as never;
+  ada.profile = { cursor_color: CURSOR, pattern: "solid" } as never;
   site.people.set("ada", ada);
-  site.objects.set("things", { objects: [object], stamp_ns: 0, seq: 0, latency_sigma_s: null });
+  const objects = [{ ...SCREWS, ...ON_SHELF }];
+  site.objects.set("things", { objects, stamp_ns: 0, seq: 0, latency_sigma_s: null });
   things.set(site);
   things.place(0);
   const box = factory.group.children.find(({ name }) => name === "box screws") as THREE.InstancedMesh;
-  near(box.instanceMatrix.array.slice(0, 16), [0, 0.4, 0, 0, -0.2, 0, 0, 0, 0, 0, 0.3, 0, 1, 2, 1.4, 1]);
-  near(drawn(), linear([90, 90, 90]));
-  assert.deepEqual(texts, ["screws"]);
-  ada.hover = { object_id: "t", progress: 0.5, action: "select" } as never;
-  near(drawn(), linear(boxColor("screws", null, { color, progress: 0.5 })));
-  near(boxColor("screws", null, { color, progress: 1 }), color);
-  site.selection = { objects: [{ id: "t", user: "ada" }], reserved: [] } as never;
-  near(drawn(), linear(color));
+  return { things, site, ada, box };
+}
+
+type BoxScene = ReturnType<typeof withBox>;
+
+/** Draw the states, and return the box's colour and the names that were written. */
+function drawn({ things, site, box }: BoxScene): { color: Rgb; names: string[] } {
+  const names: string[] = [];
+  const labels = {
+    add: (_key: string, _at: unknown, _up: number, [piece]: { text: string }[]) => names.push(piece!.text),
+  };
+  const marks = { add: () => undefined };
+  drawStates(site, { things, marks: marks as never, labels: labels as never, isDark: false });
+  return { color: [...box.instanceColor!.array.slice(0, 3)] as unknown as Rgb, names };
+}
+
+/** The colour as the renderer has it: linear, from 0 to 1 (IEC 61966-2-1). */
+function linear(shown: Rgb): number[] {
+  return shown.map((part) => {
+    const share = part / 255;
+    return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
+  });
+}
+
+function assertNear(got: ArrayLike<number>, wanted: readonly number[]): void {
+  const isNear = wanted.every((part, i) => Math.abs(part - got[i]!) < 1e-5);
+  assert.ok(isNear, `${Array.from(got)} instead of ${wanted}`);
+}
+
+test("an object with a size is a box of that size and yaw, with its name", () => {
+  const scene = withBox();
+
+  const matrix = [0, 0.4, 0, 0, -0.2, 0, 0, 0, 0, 0, 0.3, 0, 1, 2, 1.4, 1];
+  assertNear(scene.box.instanceMatrix.array.slice(0, MATRIX), matrix);
+  assert.deepEqual(drawn(scene).names, ["screws"]);
+});
+
+test("a box is dim while nobody points at it", () => {
+  assertNear(drawn(withBox()).color, linear(DIM));
+});
+
+test("a box has the colour of who points at it, as far as the selection has come", () => {
+  const scene = withBox();
+  scene.ada.hover = { object_id: "t", progress: 0.5, action: "select" } as never;
+
+  assertNear(drawn(scene).color, linear(boxColor("screws", null, { color: CURSOR, progress: 0.5 })));
+  assertNear(boxColor("screws", null, { color: CURSOR, progress: 1 }), CURSOR);
+});
+
+test("a selected box has the colour of who selected it", () => {
+  const scene = withBox();
+  scene.site.selection = { objects: [{ id: "t", user: "ada" }], reserved: [] } as never;
+
+  assertNear(drawn(scene).color, linear(CURSOR));
 });
 
 test("in the viewer's own room a box is seen by its edges and hides what is behind it, and is solid again outside", () => {
   const factory = new MeshFactory(true, DARK);
   const things = new Things(factory, () => null);
   const site = emptySite();
-  const object = {
-    id: "t",
-    kind: "screws",
-    position_m: [1, 2, 1.4],
-    velocity_mps: [0, 0, 0],
-    length_m: 0.6,
-    size_m: [0.4, 0.2, 0.3],
-    yaw_rad: Math.PI / 2,
-  } as unknown as TrackedObject;
-  site.objects.set("things", { objects: [object], stamp_ns: 0, seq: 0, latency_sigma_s: null });
+  site.objects.set("things", { objects: [SCREWS], stamp_ns: 0, seq: 0, latency_sigma_s: null });
   things.set(site);
   things.place(0);
   const box = factory.group.children.find(({ name }) => name === "box screws") as THREE.InstancedMesh;

@@ -52,7 +52,17 @@ class SenderClock:
     """Tells messages of now from old ones of one sender, whose clock may be wrong.
 
     A message that seems old as it arrives has waited, such as between two brokers, or its sender's clock is
-    behind. The second holds if the ages of following messages stay the same for `CONFIRMED_NS`.
+    behind. An old *press* must not be carried out, and a person whose phone is an hour slow must still be
+    able to press. What tells the two apart is what follows: with a wrong clock the ages of all messages stay
+    the same, and a queue that empties has younger and younger ones. So a sender is believed once the ages of
+    its messages have stayed the same for `CONFIRMED_NS`.
+
+    >>> S = 1_000_000_000
+    >>> clock = SenderClock(max_age_ns=2 * S)
+    >>> clock.age_ns(0, 60 * S, is_retained=False) / S  # it seems to be a minute old
+    60.0
+    >>> clock.age_ns(30 * S, 90 * S, is_retained=False)  # the next one, too: the clock is slow
+    0
     """
 
     def __init__(self, max_age_ns: int) -> None:

@@ -63,7 +63,21 @@ MAX_SUBJECT = 256
 
 
 class Problem(SchemaModel):
-    """A problem of a service. Programs match code, subject and topic, people read the sentence."""
+    """What is wrong with a service, or with what it depends on, and what to do about it.
+
+    A service reports it with `ServiceBus.warn`, and `pointit doctor`, the page and Foxglove show it. Programs
+    match `code`, `subject` and `topic`, which say what kind of problem it is and what it is about. People
+    read the `sentence`, which may have figures that change: two reports are the same problem if their
+    `identity` is equal.
+
+    >>> slow = Problem(code="slow", sentence="cursors are 300 ms old: close other programs", subject="anna")
+    >>> slower = slow.model_copy(update={"sentence": "cursors are 900 ms old: close other programs"})
+    >>> slow.identity == slower.identity
+    True
+
+    `severity` "note" says that nothing is wrong and nothing happens, either, such as an arm that nobody
+    moves.
+    """
 
     code: Annotated[str, Field(min_length=1, max_length=MAX_CODE)]
     sentence: Annotated[str, Field(description="the problem and its remedy")]

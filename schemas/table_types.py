@@ -111,7 +111,20 @@ def valid_name(text: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Topic(_Keyed, Generic[M]):
-    """A row of the table."""
+    """A row of the table of topics: a key expression, its message, how it is delivered, and who may write it.
+
+    Everybody who publishes or reads names the row, never a key, so that a key has one place, and access
+    rules, documents and checks are made from the table. The key of a topic for each person has a placeholder:
+
+    >>> from pointit.schemas import topics
+    >>> topics.RAY.at("anna")
+    'users/anna/ray'
+    >>> topics.RAY.message.__name__, topics.RAY.delivery.name
+    ('PointingRay', 'LATEST')
+
+    `delivery` decides what a slow reader loses: of `LATEST` all but the newest, of `EVENT` nothing up to a
+    limit, and of `STATE` nothing either, since the newest value is also kept for readers that come later.
+    """
 
     message: type[M]
     delivery: Delivery
@@ -129,7 +142,12 @@ class Topic(_Keyed, Generic[M]):
 
 @dataclass(frozen=True, kw_only=True)
 class Request(_Keyed, Generic[Q, R]):
-    """A request: its key, its server, and the types of query and reply."""
+    """A row of the table of requests: one process asks another, which answers once.
+
+    It is for what must be confirmed or refused, such as `conveyor/set_speed`; what is only to be known is a
+    `Topic`. `bus.call(row, query)` asks, `bus.serve(row, handler)` answers, and an exception of the handler
+    becomes one sentence for the caller. Exactly one process serves a row on a site (`server`).
+    """
 
     query: type[Q]
     reply: type[R]

@@ -104,7 +104,20 @@ class Attack:
 
 
 class IdentityLoad:
-    """Decides on one identity by its load."""
+    """Decides on one identity of a secured site by its load: allow it, or cut it off for a while.
+
+    A person's wrist and services need some hundred messages a second. Who sends many times more takes the
+    router from all others, on purpose or by a mistake in a loop. The excess over `MAX_HZ` is summed up and
+    forgotten at that rate, so a short burst passes and a flood does not, and starts are counted apart, since
+    a run that joins declares everything at once.
+
+        load = IdentityLoad(now_s)
+        decision = load.step(now_s, Load(messages=40_000, ...))     # each second, from the router's log
+        if decision is Decision.CUT_OFF:
+            ...                                                     # for `load.hold_s`, longer each time
+
+    It knows no connections and no keys of certificates: who an identity is, is known before.
+    """
 
     def __init__(self, now_s: float) -> None:
         """Begin with nothing used. `now_s`: on any monotonic clock, like all times here."""

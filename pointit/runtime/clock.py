@@ -158,7 +158,16 @@ async def wait_up_to(event: asyncio.Event, limit_s: float | None) -> bool:
 
 
 class Timer:
-    """Calls back once, some time after it was started. Of several starts the earliest end counts."""
+    """Calls back once, some time after it was started. Of several starts the earliest end counts.
+
+    It is what a service uses for "if nothing comes for 2 s": starting it again neither postpones nor repeats
+    the call. Cancel it first to postpone.
+
+        timer = Timer(self.bus.call_later, self._on_silence)
+        timer.start(2.0)      # calls back in 2 s
+        timer.start(5.0)      # changes nothing: 2 s are earlier
+        timer.start(1.0)      # calls back in 1 s, and not again in 2
+    """
 
     def __init__(
         self,

@@ -49,7 +49,24 @@ class Outliers(NamedTuple):
 
 
 class DeviceClock:
-    """Clock of one device, followed from sample to sample."""
+    """Clock of one device, followed from sample to sample: it tells when each was captured, in our time.
+
+    A wrist stamps its samples by a clock of its own, which has another zero and drifts. Their arrival is
+    known in the host's time, but late by a delay that varies from sample to sample. The smallest delays are
+    the honest ones: a line below all of them gives offset and drift of the device's clock.
+
+    >>> clock = DeviceClock()
+    >>> S = 1_000_000_000
+    >>> delays_ms = [3, 40, 3, 25, 3]  # of samples every 10 ms, by a device that began 100 s ago
+    >>> captured = [
+    ...     clock.capture_ns(100 * S + 10_000_000 * n, 10_000_000 * n + 1_000_000 * delay)
+    ...     for n, delay in enumerate(delays_ms)
+    ... ]
+    >>> [round(ns / 1e6) for ns in captured]
+    [3, 13, 23, 33, 43]
+
+    The delay that all samples share cannot be seen from the stamps: it stays in the result.
+    """
 
     def __init__(self) -> None:
         self.jumps = 0

@@ -200,7 +200,14 @@ def _accept(_config: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuSource(DevicePlugin):
-    """A kind of device that gives the arm's orientation."""
+    """A kind of device that gives the orientation of a person's arm: a watch, an IMU on a cable, a recording.
+
+    It is a plug-in: one object that says what the device is, which parameters it has, and how a `Source` is
+    made from their values. The source then delivers `Reading`s, each an orientation of the sensor in the
+    world with the time of its capture; everything after that (the arm's frame, refused readings, health) is
+    done for it. `pointit.plugins` has a complete example, and `pointit plugin new imu-source` writes one with
+    its test.
+    """
 
     make: Callable[[Any, Surroundings], Source]
     """Makes a source with parameters of the class `config`; raises ConfigError if they cannot work."""

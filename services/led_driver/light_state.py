@@ -52,7 +52,22 @@ class FrameLimiter:
 
 
 class LightState:
-    """Strips and lamps of one map. Pure: calls pass the time, and nothing is drawn unless requested."""
+    """What the strips and lamps of one map show now: cursors, objects, who hovers and who owns. Pure.
+
+    Messages are put in as they come, with the time of their arrival, and `frame` draws all strips when
+    somebody wants a frame. Nothing is drawn in between, so a hundred messages between two frames cost one
+    drawing. What is not repeated fades: a cursor ends `cursor_timeout_s` after its last message.
+
+    >>> from pointit.schemas import Environment, Strip
+    >>> lights = LightState(LedDriverConfig())
+    >>> lights.on_map(Environment(stamp_ns=0, name="room", strips=(
+    ...     Strip(id="shelf", line_m=((0, 0, 1), (1, 0, 1)), pixels=3),)))
+    >>> [strip.rgb.hex() for strip in lights.frame(now_ns=0).strips]
+    ['000000000000000000']
+
+    `next_change_ns` of its parts says when a frame changes without a new message; a shell sets its timer by
+    it.
+    """
 
     def __init__(self, config: LedDriverConfig) -> None:
         self._config = config

@@ -293,7 +293,13 @@ class UnusedOutput(OutputConfig, extra="ignore"):
 
 @dataclass(frozen=True, kw_only=True)
 class LedOutput(DevicePlugin):
-    """A kind of controller. Its `argument` is its address, which no two outputs share; see `divided_by`."""
+    """A kind of controller that shows what PointIt draws: on strips, on single lamps or with a beam of light.
+
+    It is a plug-in: one object that says what the controller is, which parameters it has, and how an output
+    is made from their values. The output gets the newest frame and sends it; it never sees cursors or people.
+    Its `argument` is its address, which no two outputs share; see `divided_by`. `UdpOutput` and
+    `SerialOutput` do all of it but the bytes of a protocol.
+    """
 
     make: Callable[[Any, Surroundings], AnyOutput]
     """Makes an output with parameters of the class `config`, an `OutputConfig`; opens nothing yet."""

@@ -163,7 +163,25 @@ def _value(terms: tuple[float, float, float, float, float, float], a: float, e: 
 
 
 class Pointer:
-    """Pointing of one person, with their measures, offset, yaw and filter."""
+    """Pointing of one person: the orientation of their arm becomes the ray along which they point.
+
+    People point along the line from their eyes to the tip of their finger, not along the arm. With the
+    person's measures the orientation of the wrist gives both ends of that line. Their offset (what they
+    usually miss by) and a filter of tremor correct its direction. The ray is in the person's own frame {H}:
+    it needs no position in the room, so pointing works before anybody is localized.
+
+    >>> from pointit.geometry import rotation
+    >>> from pointit.schemas import ImuSample
+    >>> ahead = ImuSample(stamp_ns=1, seq=1, orientation_xyzw=rotation.IDENTITY)
+    >>> ray = Pointer().ray(ahead, now_ns=1)
+    >>> [round(component, 2) for component in ray.origin_m]
+    [0.0, 0.0, 1.64]
+    >>> ray.direction[0] > 0.9  # along x, ahead of the person
+    True
+
+    It surprises that `ray` may return None: a sample that is late, repeated or from the future has no ray.
+    `verdict` says which it was.
+    """
 
     def __init__(
         self,

@@ -66,10 +66,15 @@ class NearbyLamps:
 
 
 class PersonCursor:
-    """Turns one person's rays in {H} into cursors in {W}.
+    """One person's rays, in their own frame {H}, become cursors on the surfaces of the room, in {W}.
 
-    There is a cursor for every ray while the person is pointing, with surface `none` if it passes everything.
-    Without interactions, as without a supervisor, the person is pointing all the time.
+    It is the step that needs to know where the person stands: `set_pose` tells it, and without a pose there
+    is no cursor (`lacks_pose`). A cursor says where on which surface the ray ends, such as 1.2 m along a
+    strip, and is what lights, selection and pages show and use.
+
+    There is a cursor for every ray while the person is pointing, with surface `none` if it passes everything:
+    readers learn from it that the person has moved on, and where they look. Without interactions, as without
+    a supervisor, the person is pointing all the time. `examples/core.py` shows it between ray and selection.
     """
 
     def __init__(

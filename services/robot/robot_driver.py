@@ -139,9 +139,11 @@ Command = Follow | FollowPath | TakeOff | Land | Stop
 
 
 class RobotDriver(Protocol):
-    """A connection to one robot.
+    """A connection to one robot that people steer by pointing: reports where it is, and carries out commands.
 
-    The robot moves by commands only. If commands of `Follow` cease, it stays at the last place.
+    The robot's service decides where a robot may go, who steers it and when it must stop; the driver only
+    speaks the robot's protocol. The robot moves by commands only. If commands of `Follow` cease, it stays at
+    the last place: silence is never a reason to go on.
     """
 
     async def run(self, report: Report) -> None:

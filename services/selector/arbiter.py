@@ -50,7 +50,11 @@ MIN_PERIOD_NS = 50_000_000
 
 
 class Arbiter:
-    """The owner of each object. Every event is passed to `record` before it is returned, for a journal."""
+    """The owner of each object: the first person who points at it steadily, or presses.
+
+    A person's side makes a `Claim` (*I have stayed on box_3 for a second*); the arbiter answers with events:
+    selected, refused, deselected. Each is passed to `record`, a journal, before it is returned and published.
+    """
 
     def __init__(
         self,

@@ -181,7 +181,17 @@ class ShardEngine(PointingEngine):
 
 
 class SelectionEngine(PointingEngine, Arbiter):
-    """The selection of a site: an arbiter, and the pointing of the people that no shard serves."""
+    """The selection of a site: who points at what, who wants it, and who gets it. Pure.
+
+    Cursors and objects go in; hovers, claims, selections and events come out, as messages that a shell
+    publishes. It is two halves in one object: the *pointing* of each person turns cursors into a hover and a
+    claim (`HoverEngine`), and the *arbiter* turns claims into owners (`Arbiter`). A large site runs the first
+    half beside its people as a shard, and only the second here, for people whom no shard serves this has
+    both.
+
+    The time of all decisions is that of the messages, so a replay decides as the site did. `examples/core.py`
+    feeds it with the cursors of one person and prints the selection.
+    """
 
     def __init__(
         self, config: SelectorConfig, record: Callable[[Record], None], make: MakeMethod = make_method

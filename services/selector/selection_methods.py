@@ -141,7 +141,13 @@ class MethodConfig(Config):
 
 @dataclass(frozen=True, kw_only=True)
 class SelectionMethod(Plugin):
-    """A way to select an object by pointing at it. Its `config` is a `MethodConfig`."""
+    """A way to select an object by pointing at it, such as staying on it for a second, or pressing a button.
+
+    It is a plug-in: `make` makes the method of one person, which gets their cursors and the objects near the
+    ray, and says which object is hovered, how far its selection has come, and when it is claimed. Whether the
+    claim is granted is the arbiter's decision. Its `config` is a `MethodConfig`. `examples/selection_method`
+    is one as a package of its own.
+    """
 
     make: Callable[[Any, Surroundings], PersonMethod]
     """Makes the method of one person with parameters of the class `config`."""

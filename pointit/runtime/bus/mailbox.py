@@ -104,7 +104,12 @@ class Dispatcher:
 
 
 class Mailbox:
-    """Buffer of one subscription: the newest item per name, or the newest `EVENT_CAPACITY` events in order.
+    """Buffer between the network and one reader: the newest item per name, or the newest events in order.
+
+    Messages arrive in threads of the network library and at any rate; a handler runs in the event loop, one
+    message at a time. The mailbox is where they meet. Of a topic of newest values it keeps the last one of
+    each name, so a reader that is slow sees fewer values, and no old ones. Of events it keeps
+    `EVENT_CAPACITY` in order and counts those that it had to drop.
 
     Items from the loop's own thread, which are most of a process's traffic, need no lock: no other thread
     reads their buffer. Items from other threads go into a second buffer under the lock.

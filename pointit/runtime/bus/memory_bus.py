@@ -332,7 +332,18 @@ def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = No
 
 
 class MemoryBus(Participant):
-    """A participant of a broker. See `pointit.runtime.bus.contract.Bus` for the contract."""
+    """A bus within one process: publish, subscribe, requests and presence, without a network.
+
+    All participants of one `LocalBroker` hear each other. It has the contract of
+    `pointit.runtime.bus.contract.Bus` as `ZenohBus` has it, checked by the same tests, so a service cannot
+    tell them apart: tests and runs in one process use this one, and messages are handed over without being
+    encoded.
+
+        broker = LocalBroker()
+        writer, reader = MemoryBus(broker), MemoryBus(broker)
+        reader.subscribe(topics.RAY, lambda ray, user: print(user, ray.direction))
+        writer.publisher(topics.RAY, "anna").put(ray)      # prints in the next turn of the loop
+    """
 
     @property
     def site(self) -> str:

@@ -51,7 +51,19 @@ LOG_PERIOD_S = 1.0
 
 
 class ServiceBus:
-    """Bus of one service: it is measured, and closed with the service."""
+    """The bus as a service sees it: messages are measured, problems reported, and all ends with the service.
+
+    It adds to a `Bus` what each service would otherwise write itself: rates, ages and delays of all it reads
+    and writes, its `Health`, timers that end with it, and the name of its person. A service gets it in its
+    `Context` and uses nothing else of the network.
+
+        self.bus.subscribe(topics.RAY, self._on_ray, self.user)     # handler(message, name)
+        self._cursors = self.bus.publisher(topics.CURSOR, self.user)
+        self.bus.warn("no pose", "no position of anna is known: localize her")     # until warn(..., "")
+
+    A handler that raises does not end the service: the exception is logged and counted, and the next message
+    is handled.
+    """
 
     def __init__(self, bus: Bus, clock: Clock, service: str, instance: str, user: str = "") -> None:
         self._bus = bus

@@ -249,7 +249,18 @@ def plugin_folder(site: str, user: str, kind: str, name: str) -> Path:
 
 
 class StateFile(Generic[T]):
-    """One person's `purpose`, such as `offset`, as a `model` in JSON."""
+    """One value on disk that survives restarts, such as the offset of a person: a pydantic `model` as JSON.
+
+    It is written whole and atomically, so a reader sees the old value or the new one, also after a kill or a
+    power failure, and only its owner can read it. `StateFile(Offset, "anna", "offset")` is a person's file,
+    and `StateFile.at` one at any path, as plug-ins use it.
+
+        file = StateFile.at(folder / "count.json", Count)
+        count = file.read() or Count()              # None if there is none yet
+        file.write(Count(total=count.total + 1))
+
+    A file that cannot be used is an error that names it, never silently a new beginning.
+    """
 
     _remedy = "move it away and calibrate again"
 

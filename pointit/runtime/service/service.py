@@ -54,10 +54,23 @@ class Context:
 
 
 class Service(ABC, Generic[C]):
-    """A process: subscribes, calls its pure core, publishes.
+    """A process of PointIt: it subscribes, calls its pure core, and publishes what that returns.
+
+    A service is a shell. It knows the bus, the clock and timers, and decides nothing; decisions are in cores
+    beside it, which get messages and the time and return messages. So a decision is tested without a network,
+    and a replay repeats it.
+
+        class Greeter(Service[GreeterConfig]):
+            NAME, SCOPE, CONFIG = "greeter", "site", GreeterConfig
+
+            def __init__(self, config: GreeterConfig, context: Context) -> None:
+                super().__init__(config, context)
+                self._core = Greetings(config)
+                self.bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
 
     The constructor declares everything on the bus and publishes the first states. `run` holds the periodic
-    work. Both run in the event loop.
+    work. Both run in the event loop, so neither may block. `run_service` starts it, reports its presence and
+    health, and starts a failed plug-in again.
     """
 
     NAME: ClassVar[str]

@@ -1,6 +1,5 @@
 """Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
 
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
@@ -20,6 +19,7 @@ from pointit.services.selector.act_states import ActStates
 from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.earlier_claims import EarlierClaims
 from pointit.services.selector.object_positions import OWN, Departures
 from pointit.services.selector.ownership import ObjectChange, Ownership
 from pointit.services.selector.selection_publisher import (
@@ -33,9 +33,6 @@ from pointit.services.selector.selection_publisher import (
 
 MAX_CLAIM_AGE_NS = 5 * NS_PER_S
 """Claims of shards that are older are refused: the person has gone on since, ns of the wall."""
-
-MAX_DECIDED = 64
-"""Limit of claims that are remembered per person, so that one that comes again changes nothing."""
 
 MAX_RESERVED = 2
 """Limit of objects that a shard can reserve for a person: the one that they point at and the one before."""
@@ -52,8 +49,12 @@ MIN_PERIOD_NS = 50_000_000
 class Arbiter:
     """The owner of each object: the first person who points at it steadily, or presses.
 
-    A person's side makes a `Claim` (*I have stayed on box_3 for a second*); the arbiter answers with events:
-    selected, refused, deselected. Each is passed to `record`, a journal, before it is returned and published.
+    Pointing alone decides nothing. A person's side makes a `Claim` (*I have stayed on box_3 for a second*),
+    and the arbiter answers with events: selected, refused because ben has it, deselected. A site has one
+    arbiter, so that two people on two machines cannot both own a box.
+
+    Every event is passed to `record`, a journal, before it is returned and published. What somebody has seen
+    is therefore not lost when the selector is killed.
     """
 
     def __init__(
@@ -93,10 +94,7 @@ class Arbiter:
         """True if reservations have changed since the last selection that was returned."""
 
         # Claims of each person
-        self._dwelt: dict[str, tuple[str, int]] = {}
-        """Object that each person changed last by staying on it, and the time, ns."""
-        self._decided: dict[str, deque[int]] = {}
-        """Stamps of the last claims by person."""
+        self._earlier_claims = EarlierClaims()
         self._budget = ClaimBudget()
         self._selected_ns = 0
         """Time of the last selection, ns."""
@@ -143,7 +141,7 @@ class Arbiter:
 
         # Claims that may be sent again, and acts without a result
         for user, stamp_ns in decided:
-            self._is_decided(user, stamp_ns)
+            self._earlier_claims.is_decided(user, stamp_ns)
         for record, is_newest in pending:
             self.acts.resume(record, is_newest=is_newest)
             self._act_states.begin(record, record.stamp_ns)
@@ -218,7 +216,7 @@ class Arbiter:
             if action in CHANGES and not refused:
                 self._has_changed |= self._reservations.reserve(object_id, user, now_ns)
             return []
-        if self._is_decided(user, at_ns):
+        if self._earlier_claims.is_decided(user, at_ns):
             return []
 
         # Reasons against it. The first counts
@@ -229,7 +227,7 @@ class Arbiter:
         if not reason and taken_by and not self._ownership.is_selected(object_id):
             reason = f"{name} is being selected by {taken_by}; wait or choose another one"
         is_shard_dwell = self._tells_method and cause == "dwell"
-        if not reason and is_shard_dwell and self._is_twice(user, claim):
+        if not reason and is_shard_dwell and self._earlier_claims.is_twice(user, claim, self._dwell_s):
             reason = f"{name} was changed by you just now: leave it, then point again"
 
         # Without one the ledger decides, which refuses what belongs to another person
@@ -249,25 +247,8 @@ class Arbiter:
         if not change.is_refused:
             self._reservations.free(object_id)
             if cause == "dwell":
-                self._dwelt[user] = object_id, at_ns
+                self._earlier_claims.add_dwell(user, object_id, at_ns)
         return self._publish(user, [change], at_ns)
-
-    def _is_decided(self, user: str, stamp_ns: int) -> bool:
-        """Return True if the claim was decided before. Remember it."""
-        stamps = self._decided.setdefault(user, deque(maxlen=MAX_DECIDED))
-        is_known = stamp_ns in stamps
-        if not is_known:
-            stamps.append(stamp_ns)
-        return is_known
-
-    def _is_twice(self, user: str, claim: Claim) -> bool:
-        """Return True if nobody can have stayed on the object a second time since they changed it."""
-        if user not in self._dwelt:
-            return False
-        object_id, stamp_ns = self._dwelt[user]
-        if object_id != claim.object_id:
-            return False
-        return 2 * abs(claim.stamp_ns - stamp_ns) < self._dwell_s * NS_PER_S
 
     def on_claim(self, user: str, claim: Claim, now_ns: int) -> list[OutgoingMessage]:
         """Decide on a claim of a shard, which may come late and know less.

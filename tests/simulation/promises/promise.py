@@ -19,28 +19,26 @@ class Promise:
 
 DONE_IS_DONE = Promise(
     "nothing is told as done that was not done",
-    "the outcome, when all carriers are done, one has failed, has ended, or is 1 s beyond its limit",
+    "the outcome, when all carriers are done, one has failed, has ended, has not begun within 6 s,",
     ACTS,
 )
 CUE_AFTER_DONE = Promise(
     "a person is told of success only after it",
-    "**Results are reported after step 5**, a failed act as refused.",
+    "**Results are reported after step 6**, a failed act as refused.",
     ACTS,
 )
 REPLY_AFTER_DONE = Promise(
     "a reply tells of success only after it",
-    "**Results are reported after step 5**, a failed act as refused.",
+    "**Results are reported after step 6**, a failed act as refused.",
     ACTS,
 )
 FAILED_IS_OVER = Promise(
-    "what was told as failed is not begun afterwards",
-    "What people were told as failed is not begun afterwards.",
-    HERE,
+    "what was told as failed is not begun afterwards", "**What was told as failed is not begun.**", ACTS
 )
 NOT_TWICE = Promise("no act is carried out twice", "Carriers act on a repeated event only once.", ACTS)
 NOT_LATE = Promise(
     "no act is carried out late",
-    "An act that reaches a carrier more than 6 s late is not carried out (`no_answer`).",
+    "the selector gives an act up that was not begun 6 s after its publication, by its own clock",
     ACTS,
 )
 ONLY_TOLD = Promise(

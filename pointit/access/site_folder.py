@@ -12,6 +12,7 @@ import contextlib
 import datetime as dt
 import functools
 import secrets
+import shlex
 import shutil
 import sqlite3
 from collections.abc import Generator, Iterable, Mapping, Sequence
@@ -229,7 +230,7 @@ class SiteFolder:
                 if known is not None and known.state == "valid":
                     raise ConfigError(
                         f"{name} exists already, as {known.role}; renew its certificate with "
-                        f"`pointit site renew {name} --folder {self.path}`"
+                        f"`pointit site renew {name} --folder {shlex.quote(str(self.path))}`"
                     )
             return self._issue(state, names, now)
 
@@ -293,7 +294,7 @@ class SiteFolder:
             if identity.role == "router":
                 raise ConfigError(
                     "the router cannot be without a certificate; `pointit site renew router "
-                    f"--folder {self.path}` makes a new one"
+                    f"--folder {shlex.quote(str(self.path))}` makes a new one"
                 )
             ended = identity.model_copy(update={"state": new_state})
             state = state.model_copy(update={"identities": {**state.identities, name: ended}})

@@ -2,6 +2,7 @@
 
 import asyncio
 import datetime as dt
+import shlex
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -325,7 +326,7 @@ def remove(names: tuple[str, ...], folder: Path) -> None:
         if known is not None and known.role != "user":
             raise ConfigError(
                 f"{name} is not a person but the site's {known.role}; "
-                f"`pointit site revoke {name} --folder {folder}`"
+                f"`pointit site revoke {name} --folder {shlex.quote(str(folder))}`"
             )
         site.remove(name)
         click.echo(f"{name} is removed")
@@ -383,7 +384,8 @@ def revoke(name: str, folder: Path) -> None:
     Example: pointit site revoke guest2 --folder lab
     """
     SiteFolder(folder).revoke(name)
-    click.echo(f"{name} has no rights any more; `pointit site renew {name} --folder {folder}` restores them")
+    command = f"pointit site renew {name} --folder {shlex.quote(str(folder))}"
+    click.echo(f"{name} has no rights any more; `{command}` restores them")
 
 
 @click.command("show")

@@ -1,5 +1,6 @@
 """Opens ROS 2 bags: a folder with its metadata.yaml, or one of its files. Damaged ones are refused."""
 
+import shlex
 import shutil
 import sqlite3
 import tempfile
@@ -222,7 +223,8 @@ def _open_storage(file: Path, storage: Path, stack: ExitStack) -> Any:
             ) from error
         repair = REPAIRS[suffix].format(storage.name)
         if file != storage:
-            repair = f"`zstd -dcf {file} > {storage.name}` unpacks what is there, and {repair}"
+            command = f"zstd -dcf {shlex.quote(str(file))} > {shlex.quote(storage.name)}"
+            repair = f"`{command}` unpacks what is there, and {repair}"
         raise ConfigError(f"{file}: is damaged ({error}): {repair}") from error
     return reader
 
@@ -323,7 +325,7 @@ def _unpack(path: Path, folder: Path) -> Path:
     unpacked = folder / path.stem
     ratio_bytes = MAX_RATIO * path.stat().st_size if path.is_file() else 0
     max_bytes = min(ratio_bytes, shutil.disk_usage(folder).free - RESERVE_BYTES)
-    by_hand = f"`zstd -d {path}` unpacks it: give the unpacked file"
+    by_hand = f"`zstd -d {shlex.quote(str(path))}` unpacks it: give the unpacked file"
     try:
         with path.open("rb") as packed, unpacked.open("wb") as file:
             copy_zstd(packed, file, max_bytes)

@@ -22,7 +22,14 @@ from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.name_lookup import lan_addresses, resolve
-from pointit.runtime.host.state_file import create_atomically, site_folder, write_atomically
+from pointit.runtime.host.state_file import (
+    NO_MODES,
+    VARIABLE,
+    create_atomically,
+    keeps_modes,
+    site_folder,
+    write_atomically,
+)
 from pointit.runtime.service.service import AnyService, Launch, Scope, Service
 from pointit.schemas.text import system_reason
 from pointit.services import registry
@@ -90,6 +97,8 @@ def stored_tokens(site: str, *, renew: bool = False) -> tuple[PageTokens, Sequen
             problem = str(error)
         if problem:
             notes.append(f"the page has a new link, the old one is revoked: {path} {problem}")
+            if not keeps_modes(path.parent):
+                notes.append(f"{NO_MODES}: set the variable {VARIABLE} to a folder in your home directory")
 
     # Without a file, the next start has other tokens: the link ends with the run
     tokens = PageTokens()

@@ -18,7 +18,7 @@ from pydantic import SecretStr
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.runtime.host.state_file import expand_home, write_atomically
+from pointit.runtime.host.state_file import NO_MODES, expand_home, keeps_modes, write_atomically
 from pointit.runtime.machine import this_machine
 from pointit.runtime.mqtt.broker_config import is_broker_url
 from pointit.schemas import HomeSetup, LitPixels, SetLamp, SetPose, SetUpHome, ShowPixels, UseMap
@@ -90,8 +90,14 @@ class HomeSite:
         if query.act != "connect":
             raise RefusedError("a token or password belongs to an address: give both")
         content = _password_of(secret) if is_broker_url(query.url) else _token_of(secret)
+        folder = expand_home(self._folder)
+        if not await asyncio.to_thread(keeps_modes, Path(folder)):
+            raise RefusedError(
+                f"a token or password in {folder} could be read by others, as {NO_MODES}: start "
+                "`pointit home` with --folder and a folder in your home directory"
+            )
         name = this_machine().random_name(8)
-        file = expand_home(self._folder) / f"{name}{NEW_SECRET}"
+        file = Path(folder) / f"{name}{NEW_SECRET}"
         await asyncio.to_thread(write_atomically, file, content, mode=0o600)
         query = query.model_copy(update={"secret": name})
         try:

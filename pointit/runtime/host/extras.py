@@ -3,8 +3,9 @@
 import functools
 import importlib
 import re
+import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from operator import attrgetter
@@ -86,23 +87,54 @@ def has_extra(extra: str) -> bool:
 
 
 def remedy(extra: str) -> str:
-    """Return the command that installs `extra`, or the package `lab`, in backticks: a script, else pip's."""
+    """Return the command that installs `extra`, or the package `lab`, in backticks: a script, else pip's.
+
+    A command names the packages of an extra and never `pointit`: no index has that name, so whoever took it
+    there would be installed.
+    """
     if (CHECKOUT / "scripts" / "setup").is_file():
         return f"`scripts/setup {extra}` in the folder of PointIt"
+    prefix = Path(sys.prefix)
     if extra == "lab":
         wheel = f"pointit_lab-{pointit_version()}-py3-none-any.whl"
-        return f"`pip install {wheel}`; `scripts/wheel` makes this file in a checkout of PointIt"
-    return f"`{_install_command(Path(sys.prefix))} 'pointit[{extra}]'`"
+        command = _install_command(prefix, [wheel])
+        return f"{command}; `scripts/wheel` makes this file in a checkout of PointIt"
+    return _install_command(prefix, missing_packages(extra))
 
 
-def _install_command(prefix: Path) -> str:
-    """Return the command that installs into the environment at `prefix`: those of uv have no pip."""
+def missing_packages(extra: str) -> list[str]:
+    """Return the requirements of `extra` that are not installed, such as `aiomqtt>=2.3`, or else all."""
+    wanted: list[str] = []
+    missing: list[str] = []
+    for requirement in requires("pointit") or ():
+        match = REQUIREMENT.match(requirement)
+        if match is None or match[2] != extra:
+            continue
+        package = requirement.partition(";")[0].strip()
+        wanted.append(package)
+        try:
+            version(match[1])
+        except PackageNotFoundError:
+            missing.append(package)
+    return missing or wanted
+
+
+def _install_command(prefix: Path, packages: Sequence[str]) -> str:
+    """Return the command, in backticks, that installs into the environment at `prefix`.
+
+    Environments of uv have no pip. Those of pipx and of uv's tools are not the one of a pip on the path.
+    """
+    words = shlex.join(packages)
     if "archive-v0" in prefix.parts:  # uv's cache, in which `uvx` runs programs
-        return "uvx --from"
-    if prefix.parts[-3:-1] == ("uv", "tools"):
-        return "uv tool install"
+        options = " ".join(f"--with {shlex.quote(package)}" for package in packages)
+        return f"`uvx {options}` with the other words of your command"
+    if prefix.parts[-3:-1] == ("pipx", "venvs"):
+        return f"`pipx inject {prefix.name} {words}`"
+    python = shlex.quote(str(prefix / "bin" / "python"))
     is_of_uv = find_spec("pip") is None and (prefix / "pyvenv.cfg").is_file()
-    return "uv pip install" if is_of_uv else "pip install"
+    if prefix.parts[-3:-1] == ("uv", "tools") or is_of_uv:
+        return f"`uv pip install --python {python} {words}`"
+    return f"`{python} -m pip install {words}`"
 
 
 @functools.cache

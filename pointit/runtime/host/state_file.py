@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import shlex
 import sys
 from collections.abc import Generator
 from contextvars import ContextVar
@@ -24,6 +25,8 @@ GROUP = 0o070
 """Rights of the group."""
 OTHERS = 0o007
 """Rights of others."""
+NO_MODES = "its file system keeps no rights of its own (a drive of Windows, exFAT or Samba)"
+"""Reason for which no file in a folder can be its owner's alone."""
 VARIABLE = "POINTIT_STATE"
 """Names another state directory."""
 MAX_BYTES = 64 * 1024
@@ -68,8 +71,33 @@ def read_secret(path: Path, max_bytes: int) -> bytes:
     if status.st_uid == os.geteuid():
         others |= GROUP
     if status.st_mode & others:
-        raise ConfigError(f"{path}: others can read it; make it yours alone with `chmod 600 {path}`")
+        if not keeps_modes(path.parent):
+            raise ConfigError(f"{path}: others can read it, as {NO_MODES}: move it into your home directory")
+        command = f"chmod 600 {shlex.quote(str(path))}"
+        raise ConfigError(f"{path}: others can read it; make it yours alone with `{command}`")
     return content
+
+
+def keeps_modes(folder: Path) -> bool:
+    """Return True if files in `folder` can be their owner's alone. Writes a file there, and removes it.
+
+    Drives of Windows in WSL, exFAT and Samba have the same mode for all files, and ignore `chmod`. A folder
+    that cannot be written to counts as one that keeps modes.
+    """
+    if os.name != "posix":
+        return True
+    part = part_of_file(folder / "modes")
+    try:
+        with part.open("xb"):
+            part.chmod(0o600)
+            return not part.stat().st_mode & (GROUP | OTHERS)
+    except PermissionError:  # of `chmod`: such file systems refuse it, or ignore it
+        return not part.exists()
+    except OSError:
+        return True
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:

@@ -67,9 +67,8 @@ BAD_CLIENT_ID = (2, 133)
 """Return codes of CONNACK, as are those below: of MQTT 3.1.1, and of 5, to which paho converts them."""
 BAD_PASSWORD = (4, 134)
 NOT_AUTHORIZED = (5, 135)
-AUTHORITY_HINT = (
-    f"set `ca_file` (--mqtt-ca-file, variable {CA_FILE}) to a file with its authority's certificate"
-)
+AUTHORITY_HINT = f"set the variable {CA_FILE} to a file with its authority's certificate"
+"""Remedy that each command with a broker has, whatever its options and parameters are."""
 
 MAX_PASSWORD_BYTES = 65535
 """Maximum length of a password in MQTT."""

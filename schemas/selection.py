@@ -35,6 +35,16 @@ REPEATED_REASON = "told again after a restart of the selector"
 
 MAX_ACT_S = 3600.0
 """Maximum limit of an act, s."""
+LifeNs = Annotated[
+    Ns,
+    Field(
+        description="start of this life of the carrier, which names it; 0 if it does not count its reports"
+    ),
+]
+ReportNumber = Annotated[
+    Count,
+    Field(description="counts the reports of this life, results and states together: a larger one is newer"),
+]
 
 
 class SelectedObject(SchemaModel):
@@ -202,18 +212,6 @@ class Claim(Message):
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
 
 
-LifeNs = Annotated[
-    Ns,
-    Field(
-        description="start of this life of the carrier, which names it; 0 if it does not count its reports"
-    ),
-]
-Report = Annotated[
-    Count,
-    Field(description="counts the reports of this life, results and states together: a larger one is newer"),
-]
-
-
 class ActResult(Message):
     """Result of an act by one carrier. The act is the selection event of this object with this stamp."""
 
@@ -226,7 +224,7 @@ class ActResult(Message):
     code: FailureCode = ""
     text: Annotated[str, Field(max_length=500, description="cause of the failure, and the remedy")] = ""
     life_ns: LifeNs = 0
-    report: Report = 0
+    report: ReportNumber = 0
 
 
 class ThingState(SchemaModel):
@@ -256,7 +254,7 @@ class ThingStates(Message):
 
     things: Many[ThingState] = ()
     life_ns: LifeNs = 0
-    report: Report = 0
+    report: ReportNumber = 0
     asks_first: Annotated[
         bool,
         Field(description="it asks the selector before it begins an act, which is told as such until then"),

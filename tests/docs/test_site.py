@@ -87,9 +87,10 @@ async def test_nothing_bars_the_way_of_readers(theme: Literal["light", "dark"]) 
                 assert await violations(page) == [], (name, width, height)
 
 
-def test_first_page_has_the_two_commands_and_nothing_for_maintainers() -> None:
+def test_first_page_has_the_way_to_the_demo_and_nothing_for_maintainers() -> None:
     text = (ROOT / "docs/index.md").read_text(encoding="utf-8")
-    assert {"scripts/demo", "scripts/test"} <= {*text.splitlines()}
+    assert {"git clone ADDRESS pointit", "cd pointit", "scripts/demo"} <= {*text.splitlines()}
+    assert "scripts/test" not in text
     assert "scripts/docs" not in text
 
 

@@ -43,7 +43,9 @@ class ActStates:
             code="refused" if status == "failed" else "",
             text=record.reason if status == "failed" else "",
         )
-        key = _key(record)
+        self._add(_key(record), state)
+
+    def _add(self, key: Key, state: ActState) -> None:
         self._states[key] = state
         self._states.move_to_end(key)
         if len(self._states) > MAX_ACT_STATES:
@@ -59,10 +61,13 @@ class ActStates:
         self._states[key] = state.model_copy(update=result)
 
     def restore(self, outcome: ActOutcome) -> None:
-        """Note an act of before a restart. It is taken for one by pointing."""
+        """Note an act of before a restart, unless a newer one is noted. It is taken for one by pointing."""
         effects: dict[str, Literal["select", "deselect"]] = {"selected": "select", "deselected": "deselect"}
         key = outcome.object_id, outcome.user, True
-        self._states[key] = ActState(
+        newer = self._states.get(key)
+        if newer is not None and newer.event_ns > outcome.event_ns:
+            return
+        state = ActState(
             object_id=outcome.object_id,
             user=outcome.user,
             event_ns=outcome.event_ns,
@@ -72,6 +77,7 @@ class ActStates:
             code=outcome.code,
             text=outcome.text,
         )
+        self._add(key, state)
 
     def forget(self, object_ids: Collection[str]) -> None:
         """Forget the acts on objects that have left."""

@@ -1,6 +1,6 @@
 """What is known of the last act of each person on each object, for all who tell people of it. Pure."""
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Collection
 from typing import Literal
 
@@ -8,7 +8,8 @@ from pointit.schemas import ActOutcome, ActState
 from pointit.services.selector.selection_publisher import ACTIONS, Record
 
 MAX_ACT_STATES = 64
-"""Maximum number of acts whose states are published. The oldest go first."""
+"""Maximum number of acts whose states are published. The oldest go first, of the person who has most: nobody
+makes room by acts that are refused."""
 
 Key = tuple[str, str, bool]
 """Object, person, and whether the person pointed at it: a hover names the last act by pointing."""
@@ -49,7 +50,17 @@ class ActStates:
         self._states[key] = state
         self._states.move_to_end(key)
         if len(self._states) > MAX_ACT_STATES:
-            self._states.popitem(last=False)
+            self._evict()
+
+    def _evict(self) -> None:
+        """Forget the oldest state of the person who has most."""
+        numbers = Counter(user for _object_id, user, _is_pointed in self._states)
+        most = max(numbers.values())
+        for key in self._states:
+            _object_id, user, _is_pointed = key
+            if numbers[user] == most:
+                del self._states[key]
+                return
 
     def conclude(self, record: Record, outcome: ActOutcome) -> None:
         """Note what came of the act of `record`, unless the person did a newer one on its object."""

@@ -162,3 +162,14 @@ def test_states_of_before_a_restart_have_the_limit_of_all() -> None:
         states.restore(replaced_outcome(number + 1, f"lamp{number}"))
     assert len(states.all()) == MAX_ACT_STATES
     assert states.all()[-1].object_id == f"lamp{2 * MAX_ACT_STATES - 1}"
+
+
+def test_refused_acts_of_one_person_evict_no_act_of_another() -> None:
+    """Ten claims a second on objects that are not there, as a broken shard sends them, take seconds."""
+    states = ActStates()
+    states.begin(Record(1, "selected", "bell", user="anna", owner="anna", cause="dwell", carriers="home"), 1)
+    for number in range(2 * MAX_ACT_STATES):
+        states.begin(Record(number + 2, "refused", f"gone{number}", user="ben", cause="dwell"), number + 2)
+    assert len(states.all()) == MAX_ACT_STATES
+    assert states.is_asked("bell")
+    assert states.all()[-1].object_id == f"gone{2 * MAX_ACT_STATES - 1}"

@@ -7,7 +7,8 @@ times, since they may also have been lost. Heartbeats of a writer show that its 
 A sample states its source (session, and number of the writer in it) and its number itself, and anybody may
 state those of another. Its key is what access rules have checked. So numbers are counted for each key and
 source, and nothing under one key changes what is delivered of another. Zenoh's own recovery (zenoh-ext 1.10)
-counts by the source alone, and is not used.
+counts by the source alone, so no topic is read with it. Only the ROS bridge uses it, on the network of ROS,
+where anybody may write any key.
 """
 
 import asyncio

@@ -86,6 +86,7 @@ def test_switch_goes_back_with_the_reason_when_its_carrier_refuses() -> None:
     assert home.cues == [("anna", "refused", "lamp: the token may not")]
     assert (home.events[-1].event, home.events[-1].reason) == ("deselected", f"{NOT_DONE}the token may not")
     assert home.events[-1].carriers == ("home",), "one of its targets may have done it, or do it yet"
+    assert home.events[-1].status == "done", "nothing more is told of it, so nobody waits"
     home.report(LAMP.model_copy(update={"state": "on"}))
     home.set("lamp")
     home.tell("failed", code="no_effect", text="it stays on", state="on")

@@ -125,7 +125,7 @@ class EventRecovery:
         self._hand_on = hand_on
         self._lose = lose
         self._loop = asyncio.get_running_loop()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # who gets a sample may close
         self._keys: collections.OrderedDict[str, _KeySources] = collections.OrderedDict()
 
     def close(self) -> None:

@@ -342,3 +342,18 @@ async def test_event_that_is_too_long_is_handed_on_at_once(reader: Reader, heard
     await until(lambda: not reader.arrears._keys[KEY].gaps)
     assert reader.got == [1, 3, 2, 4, 5][: 3 if heard == (1,) else 5]
     assert not reader.lost
+
+
+async def test_reader_may_close_by_an_event_that_has_waited(reader: Reader) -> None:
+    """A tap gets each event at once, and may need no further one."""
+    got = list[int]()
+
+    def hand_on(sample: Any) -> None:
+        got.append(sample.source_info.source_sn)
+        reader.arrears.close()
+
+    reader.arrears._hand_on = hand_on
+    reader.writer.kept = range(4)
+    reader.hear(3)
+    await until(lambda: got == [1, 2, 3])
+    assert not reader.arrears._keys[KEY].gaps

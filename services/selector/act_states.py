@@ -1,6 +1,6 @@
 """What is known of the last act of each person on each object, for all who tell people of it. Pure."""
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Collection
 from typing import Literal
 
@@ -8,7 +8,8 @@ from pointit.schemas import ActOutcome, ActState
 from pointit.services.selector.selection_publisher import ACTIONS, Record
 
 MAX_ACT_STATES = 64
-"""Maximum number of acts whose states are published. The oldest go first."""
+"""Maximum number of acts whose states are published. The oldest go first, of the person who has most: nobody
+makes room by acts that are refused."""
 
 Key = tuple[str, str, bool]
 """Object, person, and whether the person pointed at it: a hover names the last act by pointing."""
@@ -43,11 +44,23 @@ class ActStates:
             code="refused" if status == "failed" else "",
             text=record.reason if status == "failed" else "",
         )
-        key = _key(record)
+        self._add(_key(record), state)
+
+    def _add(self, key: Key, state: ActState) -> None:
         self._states[key] = state
         self._states.move_to_end(key)
         if len(self._states) > MAX_ACT_STATES:
-            self._states.popitem(last=False)
+            self._evict()
+
+    def _evict(self) -> None:
+        """Forget the oldest state of the person who has most."""
+        numbers = Counter(user for _object_id, user, _is_pointed in self._states)
+        most = max(numbers.values())
+        for key in self._states:
+            _object_id, user, _is_pointed = key
+            if numbers[user] == most:
+                del self._states[key]
+                return
 
     def conclude(self, record: Record, outcome: ActOutcome) -> None:
         """Note what came of the act of `record`, unless the person did a newer one on its object."""
@@ -59,10 +72,13 @@ class ActStates:
         self._states[key] = state.model_copy(update=result)
 
     def restore(self, outcome: ActOutcome) -> None:
-        """Note an act of before a restart. It is taken for one by pointing."""
+        """Note an act of before a restart, unless a newer one is noted. It is taken for one by pointing."""
         effects: dict[str, Literal["select", "deselect"]] = {"selected": "select", "deselected": "deselect"}
         key = outcome.object_id, outcome.user, True
-        self._states[key] = ActState(
+        newer = self._states.get(key)
+        if newer is not None and newer.event_ns > outcome.event_ns:
+            return
+        state = ActState(
             object_id=outcome.object_id,
             user=outcome.user,
             event_ns=outcome.event_ns,
@@ -72,6 +88,7 @@ class ActStates:
             code=outcome.code,
             text=outcome.text,
         )
+        self._add(key, state)
 
     def forget(self, object_ids: Collection[str]) -> None:
         """Forget the acts on objects that have left."""

@@ -458,7 +458,8 @@ class Arbiter:
             if self._positions.mode(object_id) == "button":
                 key = (object_id, entry.since_ns)
                 earliest_ns = max(entry.since_ns, now_ns - MAX_PRESS_DELAY_NS)
-                new_shown_ns[key] = self._shown_ns.get(key, earliest_ns)
+                shown_ns = self._shown_ns.get(key, earliest_ns)
+                new_shown_ns[key] = min(shown_ns, now_ns)  # later than now if the clock was set back
         self._shown_ns = new_shown_ns
         outputs: list[OutgoingMessage] = []
         for (object_id, _since_ns), shown_ns in new_shown_ns.items():

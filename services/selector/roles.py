@@ -115,6 +115,7 @@ class SiteRole:
             pending=contents.pending,
             carried=contents.carried,
         )
+        repeated_outcomes = self.engine.repeat_outcomes(contents.untold)  # the selection has them, too
         self._selections.put(self.engine.selection(now_ns))
 
         # Events and outcomes that were committed, but perhaps not published, before the end of the last run
@@ -122,7 +123,7 @@ class SiteRole:
             event = event_of(record, record.seq or 0, again=True)
             if event is not None:
                 self._put([OutgoingMessage("", event)])
-        self._put(self.engine.repeat_outcomes(contents.untold))
+        self._put(repeated_outcomes)
         self._maintain_journal(now_ns)
 
         # Requests are answered from what was restored, once it is known who carries it out

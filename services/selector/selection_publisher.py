@@ -158,9 +158,11 @@ class SelectionPublisher:
         """
         seq = self._count("event")
         self.write(record, seq)
-        message = event_of(record._replace(carriers=f"{record.carriers} {others}".strip()), seq)
+        message = event_of(record, seq)
         if message is None:
             return []
+        if others:  # no result of theirs follows, so its status is that of an event without carriers
+            message = message.model_copy(update={"carriers": (*message.carriers, *others.split())})
         if record.carriers:
             message = message.model_copy(update={"begin_within_s": BEGIN_WITHIN_S})
         return [OutgoingMessage("", message)]

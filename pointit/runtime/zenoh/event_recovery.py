@@ -7,7 +7,8 @@ times, since they may also have been lost. Heartbeats of a writer show that its 
 A sample states its source (session, and number of the writer in it) and its number itself, and anybody may
 state those of another. Its key is what access rules have checked. So numbers are counted for each key and
 source, and nothing under one key changes what is delivered of another. Zenoh's own recovery (zenoh-ext 1.10)
-counts by the source alone, and is not used.
+counts by the source alone, so no topic is read with it. Only the ROS bridge uses it, on the network of ROS,
+where anybody may write any key.
 """
 
 import asyncio
@@ -54,6 +55,29 @@ class _Gap:
     first_counted: int = 0
     """Sequence number before which missing samples, perhaps older than the reader, are not lost."""
 
+    def want(self, numbers: range) -> None:
+        """Note that samples of `numbers` are missing, which are later than all others.
+
+        At most `EVENT_CAPACITY` are wanted at a time: no writer caches earlier ones any more.
+        """
+        self.wanted.update(numbers)
+        if len(self.wanted) <= EVENT_CAPACITY:
+            return
+        earliest = numbers.stop - EVENT_CAPACITY
+        for number in [number for number in self.wanted if number < earliest]:
+            self.wanted.discard(number)
+            if number >= self.first_counted and number not in self.samples:
+                self.given_up += 1
+
+    def add(self, number: int, sample: zenoh.Sample) -> None:
+        """Add the answer to a query for a missing sample, unless it has arrived by itself."""
+        if number in self.samples:
+            return
+        self.samples[number] = sample
+        was_given_up = number not in self.wanted and number >= self.first_counted
+        if was_given_up:
+            self.given_up -= 1
+
 
 @dataclass(slots=True, eq=False)
 class _KeySources:
@@ -91,8 +115,8 @@ class EventRecovery:
         """Create an orderer without samples. Call this in the loop.
 
         `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the
-        number of lost ones. `max_bytes`: maximum length of a sample. `excess` counts answers that were not
-        asked for.
+        number of lost ones. `max_bytes`: maximum length of a sample. Longer ones never wait. `excess`
+        counts answers that were not asked for.
         """
         self._excess = excess
         self._max_bytes = max_bytes
@@ -101,7 +125,7 @@ class EventRecovery:
         self._hand_on = hand_on
         self._lose = lose
         self._loop = asyncio.get_running_loop()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # who gets a sample may close
         self._keys: collections.OrderedDict[str, _KeySources] = collections.OrderedDict()
 
     def close(self) -> None:
@@ -130,8 +154,13 @@ class EventRecovery:
 
             # Later samples wait for the missing ones, which keeps the writer's order. None replaces another
             is_missing = number in gap.wanted or last is None or number > last
-            if is_missing:
-                gap.samples.setdefault(number, sample)
+            if not is_missing or number in gap.samples:
+                return
+            if len(sample.payload) > self._max_bytes:  # no reader takes it, so its bytes are not kept
+                gap.wanted.discard(number)
+                self._hand_on(sample)
+                return
+            gap.samples[number] = sample
             waiting = sum([len(other.samples) for other in sources.gaps.values()])
             if waiting >= EVENT_CAPACITY:
                 self._close_gap(sources, source, gap)
@@ -186,7 +215,7 @@ class EventRecovery:
             gap.first_counted = number
         else:
             gap.given_up += first - last - 1
-        gap.wanted.update(range(first, number))
+        gap.want(range(first, number))
         return gap
 
     def _start_query(self, key: str, sources: _KeySources, source: Source, gap: _Gap) -> None:
@@ -225,8 +254,8 @@ class EventRecovery:
             with self._lock:
                 for number, sample in answers.items():
                     if number in missing:
-                        gap.samples.setdefault(number, sample)
-                has_sent_all = max(answers, default=-1) >= max(gap.wanted)
+                        gap.add(number, sample)
+                has_sent_all = max(answers, default=-1) >= max(gap.wanted, default=-1)
                 if attempt == MAX_OF_FIRST:
                     # samples from before the reader were queried often enough
                     gap.wanted = {number for number in gap.wanted if number >= gap.first_counted}

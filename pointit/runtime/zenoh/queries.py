@@ -58,14 +58,20 @@ class ExcessReplies:
         self._count = 0
         self._selector = ""
         self._writer = ""
+        self._max_of_key: int | None = None
         self._last_s = self._logged_s = -math.inf
 
-    def add(self, selector: str, writer: str, now_s: float) -> None:
-        """Count a reply to `selector`, under the key `writer`, at `now_s`, monotonic."""
+    def add(self, selector: str, writer: str, now_s: float, *, max_of_key: int | None = None) -> None:
+        """Count a reply to `selector`, under the key `writer`, at `now_s`, monotonic.
+
+        `max_of_key`: number of replies that are read under its key, if it is beyond that. They may be of
+        as many writers, each of which has answered what it was asked for.
+        """
         with self._lock:
             self._count += 1
             self._selector = selector
             self._writer = writer
+            self._max_of_key = max_of_key
             self._last_s = now_s
             if now_s - self._logged_s < LOG_PERIOD_S:
                 return
@@ -77,10 +83,18 @@ class ExcessReplies:
         with self._lock:
             if now_s - self._last_s > SHOWN_S:
                 return ""
+            writer = one_line(self._writer, MAX_SHOWN)
+            selector = one_line(self._selector, MAX_SHOWN)
+            unread = f"{selector}; {self._count} answers since the start were not read"
+            if self._max_of_key is not None:
+                return (
+                    f"{writer} has more than {self._max_of_key} answers ({unread}): end the programs that "
+                    "write it beside the one that should, or revoke the identity of one that answers "
+                    "several times"
+                )
             return (
-                f"the writer of {one_line(self._writer, MAX_SHOWN)} answers more than was asked for "
-                f"({one_line(self._selector, MAX_SHOWN)}; {self._count} answers since the start were not "
-                "read): end its process, or revoke its identity"
+                f"the writer of {writer} answers more than was asked for ({unread}): end its process, or "
+                "revoke its identity"
             )
 
 
@@ -117,7 +131,12 @@ class _RepliesOfQuery:
             self._by_key[key] += 1
             self.replies.append(reply)
             return
-        self._excess.add(self._selector, key or self._selector, time.monotonic())
+        self._excess.add(
+            self._selector,
+            key or self._selector,
+            time.monotonic(),
+            max_of_key=max_of_key if is_beyond_key and not is_too_long else None,
+        )
         if not has_room:
             self._end()
 

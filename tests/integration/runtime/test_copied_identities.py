@@ -203,6 +203,8 @@ async def test_endless_answers_end_with_those_that_were_asked_for(
     assert await ask(ReplyLimit(1000, 999)) == 0, "longer than any message of its kind"
     count = 0
     assert await ask(ReplyLimit(EVENT_CAPACITY, MAX_REPLY_BYTES, max_of_key=4)) == 4
+    sentence = excess.problem(time.monotonic())
+    assert sentence.startswith("users/guest/button has more than 4 answers"), "they may be of many writers"
     queryable.undeclare()
 
 

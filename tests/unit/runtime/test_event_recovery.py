@@ -301,3 +301,59 @@ async def test_last_event_that_was_lost_is_queried_after_a_heartbeat(reader: Rea
     for broken in (heartbeat(9, "x", Id(eid="a")), Heard(None, "x"), Heard(None, f"{KEY}/@adv/pub/a1/7/_")):  # pyrefly: ignore[bad-argument-type]  # no number
         reader.arrears.on_heartbeat(broken)  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
     assert not reader.lost
+
+
+async def test_heartbeats_that_run_ahead_make_no_reader_remember_ever_more(reader: Reader) -> None:
+    """A heartbeat costs its writer four bytes, so what the reader keeps for it must have an end."""
+    steps = 40
+    for step in range(1, steps + 1):
+        reader.arrears.on_heartbeat(heartbeat(step * EVENT_CAPACITY))
+    (gap,) = reader.arrears._keys[KEY].gaps.values()
+    assert len(gap.wanted) <= EVENT_CAPACITY
+    await until(lambda: bool(reader.lost))
+    assert reader.lost == [steps * EVENT_CAPACITY], "each lost event counts, whether it was asked for or not"
+
+
+async def test_event_that_comes_after_it_was_given_up_is_delivered_and_not_lost(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = 2 * EVENT_CAPACITY
+    answer = reader.writer.get
+
+    def get(selector: str, callback: Any, **options: Any) -> None:
+        reader.arrears.on_heartbeat(heartbeat(far))  # the writer goes on while it is asked
+        answer(selector, callback, **options)
+
+    monkeypatch.setattr(reader.writer, "get", get)
+    reader.writer.kept = range(far + 1)
+    reader.hear(1, 3)
+    await until(lambda: len(reader.got) == EVENT_CAPACITY + 3)
+    assert reader.got == [1, 2, 3, *range(far - EVENT_CAPACITY + 1, far + 1)]
+    assert reader.lost == [far - EVENT_CAPACITY - 3]
+
+
+@pytest.mark.parametrize("heard", [(1,), (1, 5)], ids=["after the gap", "in the gap"])
+async def test_event_that_is_too_long_is_handed_on_at_once(reader: Reader, heard: tuple[int, ...]) -> None:
+    """Nobody takes it, so a few hundred of them must not fill the memory of the reader."""
+    reader.writer.kept = range(6)
+    reader.hear(*heard)
+    reader.arrears.on_sample(Heard(Source(3), payload=bytes(10)))  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
+    assert reader.got == [1, 3], "a reader counts it as one that it does not take"
+    await until(lambda: not reader.arrears._keys[KEY].gaps)
+    assert reader.got == [1, 3, 2, 4, 5][: 3 if heard == (1,) else 5]
+    assert not reader.lost
+
+
+async def test_reader_may_close_by_an_event_that_has_waited(reader: Reader) -> None:
+    """A tap gets each event at once, and may need no further one."""
+    got = list[int]()
+
+    def hand_on(sample: Any) -> None:
+        got.append(sample.source_info.source_sn)
+        reader.arrears.close()
+
+    reader.arrears._hand_on = hand_on
+    reader.writer.kept = range(4)
+    reader.hear(3)
+    await until(lambda: got == [1, 2, 3])
+    assert not reader.arrears._keys[KEY].gaps

@@ -1,6 +1,6 @@
 """What is known of each act, in the selection that all screens read, and its identity in the hover."""
 
-from pointit.schemas import Selection, ThingState
+from pointit.schemas import ActOutcome, Selection, ThingState
 from pointit.schemas.selection import NOT_DONE
 from pointit.services.selector.act_states import MAX_ACT_STATES, ActStates
 from pointit.services.selector.selection_publisher import OutgoingMessage, Record
@@ -131,3 +131,45 @@ def test_states_of_the_oldest_acts_go_first() -> None:
     assert (len(kept), kept[0].object_id) == (MAX_ACT_STATES, "thing5")
     states.forget({"thing5"})
     assert states.all()[0].object_id == "thing6"
+
+
+def replaced_outcome(event_ns: int, object_id: str = "lamp") -> ActOutcome:
+    """Return the outcome of an act that the next one on its object has replaced."""
+    return ActOutcome(
+        stamp_ns=event_ns,
+        event="selected",
+        object_id=object_id,
+        user="anna",
+        event_ns=event_ns,
+        result="failed",
+        code="replaced",
+        text="it was switched again",
+    )
+
+
+def test_outcome_of_before_a_restart_hides_no_newer_act() -> None:
+    """A selector that is killed just after an act was replaced finds both in its journal."""
+    states = ActStates()
+    newer = Record(20, "deselected", "lamp", user="anna", owner="anna", cause="dwell", carriers="home")
+    states.begin(newer, 20)
+    states.restore(replaced_outcome(10))
+    assert [(state.event_ns, state.status) for state in states.all()] == [(20, "asked")]
+
+
+def test_states_of_before_a_restart_have_the_limit_of_all() -> None:
+    states = ActStates()
+    for number in range(2 * MAX_ACT_STATES):
+        states.restore(replaced_outcome(number + 1, f"lamp{number}"))
+    assert len(states.all()) == MAX_ACT_STATES
+    assert states.all()[-1].object_id == f"lamp{2 * MAX_ACT_STATES - 1}"
+
+
+def test_refused_acts_of_one_person_evict_no_act_of_another() -> None:
+    """Ten claims a second on objects that are not there, as a broken shard sends them, take seconds."""
+    states = ActStates()
+    states.begin(Record(1, "selected", "bell", user="anna", owner="anna", cause="dwell", carriers="home"), 1)
+    for number in range(2 * MAX_ACT_STATES):
+        states.begin(Record(number + 2, "refused", f"gone{number}", user="ben", cause="dwell"), number + 2)
+    assert len(states.all()) == MAX_ACT_STATES
+    assert states.is_asked("bell")
+    assert states.all()[-1].object_id == f"gone{2 * MAX_ACT_STATES - 1}"

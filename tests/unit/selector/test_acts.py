@@ -4,7 +4,15 @@ from typing import Any
 
 import pytest
 
-from pointit.schemas import ActOutcome, ActResult, Feedback, SelectionEvent, SetThing, ThingState, ThingStates
+from pointit.schemas import (
+    ActOutcome,
+    ActResult,
+    Feedback,
+    SelectionEvent,
+    SetThing,
+    ThingState,
+    ThingStates,
+)
 from pointit.schemas.selection import NOT_DONE, REPORTED
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
@@ -86,6 +94,7 @@ def test_switch_goes_back_with_the_reason_when_its_carrier_refuses() -> None:
     assert home.cues == [("anna", "refused", "lamp: the token may not")]
     assert (home.events[-1].event, home.events[-1].reason) == ("deselected", f"{NOT_DONE}the token may not")
     assert home.events[-1].carriers == ("home",), "one of its targets may have done it, or do it yet"
+    assert home.events[-1].status == "done", "nothing more is told of it, so nobody waits"
     home.report(LAMP.model_copy(update={"state": "on"}))
     home.set("lamp")
     home.tell("failed", code="no_effect", text="it stays on", state="on")
@@ -456,3 +465,21 @@ def test_acts_of_one_instant_have_numbers_of_their_own() -> None:
     assert len(numbers) == 4
     assert numbers == sorted(set(numbers))
     assert [outcome.event_ns for outcome in home.outcomes] == numbers[:-1], "each has an outcome: replaced"
+
+
+@pytest.mark.parametrize("pressed_before", [True, False])
+def test_button_goes_off_by_itself_after_the_clock_was_set_back(*, pressed_before: bool) -> None:
+    """Stamps of one object only grow, so after that they are of a time that is yet to come."""
+    home = Home()  # its button has no carrier
+    home.time_s += 60.0
+    home.set("screws")
+    if pressed_before:
+        home.point(80.0, 2.0)
+        assert home.selected == []
+    home.time_s -= 30.0
+    home.point(80.0, 0.1)
+    if pressed_before:
+        home.set("screws")
+    assert [name for name, _ in home.selected] == ["screws"]
+    home.point(80.0, 3.0)
+    assert home.selected == []

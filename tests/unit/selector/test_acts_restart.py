@@ -80,3 +80,19 @@ async def test_outcome_that_was_committed_is_told_by_the_next_selector(
         await home.start_selector()
         await asyncio.sleep(1.0)
         assert len(home.outcomes) == 2
+
+
+@in_virtual_time
+async def test_outcome_of_an_act_is_told_by_the_first_selection_of_the_next_selector(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    async with shop(bell=Device()) as home:
+        await home.set("bell")
+        shutil.copytree(os.environ["POINTIT_STATE"], tmp_path / "killed")
+        monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "killed"))
+        await home.end_selector()
+        told = len(home.selections)
+        await home.start_selector()
+
+        (act,) = home.selections[told].acts
+        assert (act.object_id, act.user, act.status) == ("bell", "anna", "done")

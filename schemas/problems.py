@@ -70,11 +70,6 @@ class Problem(SchemaModel):
     read the `sentence`, which may have figures that change: two reports are the same problem if their
     `identity` is equal.
 
-    >>> slow = Problem(code="slow", sentence="cursors are 300 ms old: close other programs", subject="anna")
-    >>> slower = slow.model_copy(update={"sentence": "cursors are 900 ms old: close other programs"})
-    >>> slow.identity == slower.identity
-    True
-
     `severity` "note" says that nothing is wrong and nothing happens, either, such as an arm that nobody
     moves.
     """
@@ -91,7 +86,13 @@ class Problem(SchemaModel):
 
     @property
     def identity(self) -> tuple[str, ...]:
-        """Return the key of the problem, without figures that change with time."""
+        """Return the key of the problem, without figures that change with time.
+
+        >>> slow = Problem(code="slow", sentence="cursors are 300 ms old: close other programs")
+        >>> slower = slow.model_copy(update={"sentence": "cursors are 900 ms old: close other programs"})
+        >>> slow.identity == slower.identity
+        True
+        """
         # only a problem without a code is known by its sentence alone
         sentence = self.sentence if self.code == OTHER else ""
         return (self.code, self.subject, self.topic, sentence)

@@ -3,13 +3,14 @@
 import asyncio
 import contextlib
 import functools
+from collections.abc import Callable
 from typing import Any
 
 from pointit.recording.entries import Entry, Exchange
 from pointit.replay.replayed_services import CALLED_BY_SERVICES, RecordingClock
 from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
 from pointit.runtime.errors import RequestError
-from pointit.schemas import NS_PER_S, ActResult, Message, Query, SelectionEvent
+from pointit.schemas import NS_PER_S, ActResult, BeginAct, Message, Query, SelectionEvent, ThingStates
 from pointit.schemas.topics import CLOCK, Presence, Request, Topic
 
 GRACE_NS = NS_PER_S // 20
@@ -76,13 +77,14 @@ class RecordedRequests:
         else:
             self._seen.append((entry.time_ns, *request))
 
-    def repeat(self, entry: Entry) -> None:
-        """Ask the recorded request of `entry`, unless a service does."""
+    def repeat(self, entry: Entry) -> asyncio.Task[None] | None:
+        """Ask the recorded request of `entry`, unless a service does. Return the task that waits for it."""
         row = entry.row
         body = entry.body
-        if isinstance(row, Request) and isinstance(body, Exchange):
-            work = self._repeat(entry, row, body.query)
-            self._group.create_task(work, name=f"replayed {entry.key}")
+        if not isinstance(row, Request) or not isinstance(body, Exchange):
+            return None
+        work = self._repeat(entry, row, body.query)
+        return self._group.create_task(work, name=f"replayed {entry.key}")
 
     async def _repeat(self, entry: Entry, row: Request[Any, Any], query: Query) -> None:
         # A service may send it a little later than when it was recorded
@@ -102,49 +104,93 @@ class RecordedRequests:
 class RecordedResults:
     """Publishes the results of acts, each after the event that now stands for the recorded one.
 
+    Before it begins an act, a carrier asks the selector. That question, too, waits for the event, and a
+    result waits for the answer.
+
     Two events stand for each other if they are the first, second, … with carriers on their object.
     """
 
-    def __init__(self, edge: ReplayEdge) -> None:
+    def __init__(self, edge: ReplayEdge, ask: Callable[[Entry], asyncio.Task[None] | None]) -> None:
+        """Create without events. `ask` sends a recorded request. Its task ends with the answer."""
         self._edge = edge
+        self._ask = ask
         self._recorded: dict[str, list[int]] = {}
         """By object, stamps of the recorded events that services publish again, ns."""
         self._again: dict[str, list[int]] = {}
         """The same of the events that they publish now."""
         self._waiting: list[Entry] = []
+        self._asked: set[tuple[str, int]] = set()
+        """Object and event of the acts whose carrier has no answer yet whether it may begin."""
 
     def on_recorded(self, entry: Entry) -> None:
-        """Store an event of the recording."""
-        _note_act(self._recorded, entry.body)
+        """Store an event of the recording, and pass on what waited for it."""
+        if _note_act(self._recorded, entry.body):
+            self._repeat_waiting()
 
     def on_replayed(self, entry: Entry) -> None:
-        """Store an event of the replay, and publish the results that waited for it."""
-        _note_act(self._again, entry.body)
+        """Store an event of the replay, and pass on what waited for it."""
+        if _note_act(self._again, entry.body):
+            self._repeat_waiting()
+
+    def _repeat_waiting(self) -> None:
         waiting = self._waiting
         self._waiting = []
-        for result in waiting:
-            self.repeat(result)
+        for entry in waiting:
+            self.repeat(entry)
 
     def repeat(self, entry: Entry) -> None:
-        """Publish the result of `entry`, or store it until its event is published again."""
+        """Publish the result, or ask the question, of `entry`, once its event is published again.
+
+        States of things have the last results, so they wait for the answers to questions, too.
+        """
         body = entry.body
-        if not isinstance(body, ActResult):
+        if isinstance(body, ThingStates):
+            if self._asked or any(isinstance(other.body, Exchange) for other in self._waiting):
+                self._waiting.append(entry)
+            else:
+                self._edge.repeat(entry)
             return
-        recorded = self._recorded.get(body.object_id, [])
-        again = self._again.get(body.object_id, [])
-        if body.event_ns not in recorded:  # of an event before the beginning, or of the edge
+        act = body.query if isinstance(body, Exchange) else body
+        if not isinstance(act, ActResult | BeginAct):
+            return
+        recorded = self._recorded.get(act.object_id, [])
+        again = self._again.get(act.object_id, [])
+        if act.event_ns not in recorded:
+            if isinstance(body, Exchange):  # its event may be recorded at the same time, and follow
+                self._waiting.append(entry)
+            else:  # of an event before the beginning, or of the edge
+                self._edge.repeat(entry)
+            return
+        number = recorded.index(act.event_ns)
+        if number >= len(again) or (act.object_id, again[number]) in self._asked:
+            self._waiting.append(entry)
+            return
+        act_again = act.model_copy(update={"event_ns": again[number]})
+        body_again = body.model_copy(update={"query": act_again}) if isinstance(body, Exchange) else act_again
+        self._pass_on(entry._replace(body=body_again))
+
+    def _pass_on(self, entry: Entry) -> None:
+        body = entry.body
+        if not isinstance(body, Exchange):
             self._edge.repeat(entry)
             return
-        number = recorded.index(body.event_ns)
-        if number < len(again):
-            result = body.model_copy(update={"event_ns": again[number]})
-            self._edge.repeat(entry._replace(body=result))
-        else:
-            self._waiting.append(entry)
+        question = self._ask(entry)
+        if question is not None:
+            act = (body.query.object_id, body.query.event_ns)
+            self._asked.add(act)
+            question.add_done_callback(lambda _: self._on_answered(act))
+
+    def _on_answered(self, act: tuple[str, int]) -> None:
+        self._asked.discard(act)
+        self._repeat_waiting()
 
 
-def _note_act(events: dict[str, list[int]], body: object) -> None:
-    if isinstance(body, SelectionEvent) and body.carriers:
-        stamps = events.setdefault(body.object_id, [])
-        if body.stamp_ns not in stamps:  # an event may be published again
-            stamps.append(body.stamp_ns)
+def _note_act(events: dict[str, list[int]], body: object) -> bool:
+    """Store the event of an act. Return True if it is new: an event may be published again."""
+    if not isinstance(body, SelectionEvent) or not body.carriers:
+        return False
+    stamps = events.setdefault(body.object_id, [])
+    if body.stamp_ns in stamps:
+        return False
+    stamps.append(body.stamp_ns)
+    return True

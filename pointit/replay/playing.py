@@ -44,12 +44,14 @@ from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import PresenceHandler
 from pointit.schemas.topics import (
     ACT_RESULTS,
+    BEGIN_ACT,
     CONFIGURATION,
     HEALTH,
     PRESENCES,
     SERVED,
     SERVICE_ALIVE,
     SET_POSE,
+    THING_STATES,
     TOPICS,
     Delivery,
     Presence,
@@ -302,24 +304,11 @@ class _Player:
             changed["pui"] = {"map": str(room)}
         service_bus = ReplayedServices(self._buses.services, self._clock, group, changed)
         self._requests = RecordedRequests(self._buses.edge, self._clock, group)
-        self._results = RecordedResults(self._edge)
+        self._results = RecordedResults(self._edge, self._requests.repeat)
         collector = Collector(self._buses.observer, self._clock, self._on_result)
         await self._put_retained(service_bus)
 
-        # Each entry at its time. Retained ones are there already
-        for entry in self._source.entries():
-            is_retained = self._beginning.retained.get(entry.key) == entry
-            if is_retained or self._is_left_out(entry.row, entry.name):
-                continue
-            await self._wait_until(entry.time_ns)
-            if self._split.is_recomputed(entry):
-                await self._follow(entry, service_bus)
-            elif isinstance(entry.row, Request):
-                self._listener.replayed(entry, is_recomputed=False)
-            elif entry.row is ACT_RESULTS:
-                self._results.repeat(entry)
-            else:
-                self._edge.repeat(entry)
+        await self._play_entries(service_bus)
 
         # The end of the services themselves is not collected
         await self._wait_until(self._source.ended_ns + SETTLE_NS)
@@ -332,6 +321,34 @@ class _Player:
                 f"{collector.dropped} messages of the result are missing, as this machine is too slow: "
                 "replay at a lower --speed, or without"
             )
+
+    async def _play_entries(self, service_bus: ReplayedServices) -> None:
+        """Play each entry at its time, but retained ones, which are there already.
+
+        Results come last in their instant: the question whether an act may begin is recorded with its answer.
+        """
+        results: list[Entry] = []
+        for entry in self._source.entries():
+            if results and entry.time_ns > results[0].time_ns:
+                self._repeat_results(results)
+            is_retained = self._beginning.retained.get(entry.key) == entry
+            if is_retained or self._is_left_out(entry.row, entry.name):
+                continue
+            await self._wait_until(entry.time_ns)
+            if self._split.is_recomputed(entry):
+                await self._follow(entry, service_bus)
+            elif isinstance(entry.row, Request):
+                self._listener.replayed(entry, is_recomputed=False)
+            elif entry.row in (ACT_RESULTS, THING_STATES):
+                results.append(entry)
+            else:
+                self._edge.repeat(entry)
+        self._repeat_results(results)
+
+    def _repeat_results(self, results: list[Entry]) -> None:
+        for result in results:
+            self._results.repeat(result)
+        results.clear()
 
     def _is_left_out(self, row: AnyRow, name: str) -> bool:
         return self._live and is_about_site(row, name)
@@ -397,7 +414,15 @@ class _Player:
             if not (self._live and self._is_start(entry)):
                 self._listener.recorded(entry)
             self._results.on_recorded(entry)
-            self._requests.repeat(entry)
+            if entry.row is BEGIN_ACT:
+                self._repeat_question(entry)
+            else:
+                self._requests.repeat(entry)
+
+    def _repeat_question(self, entry: Entry) -> None:
+        """Ask whether an act may begin, for a carrier that is not replayed: one that is asks by itself."""
+        if not self._split.runs(entry.name, ""):
+            self._results.repeat(entry)
 
     def _is_start(self, entry: Entry) -> bool:
         """Return True if `entry` may be a state or cue with which a service starts."""

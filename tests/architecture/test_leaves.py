@@ -8,8 +8,8 @@ import pytest
 from tests.architecture.sources import imports_in, module_name, shipped, tree
 
 LEAVES = {
-    "assistants": (("pointit.assistants", "pointit.cli.assistants"), 24),
-    "foxglove": (("pointit.bridges.foxglove",), 5),
+    "assistants": (("pointit.assistants", "pointit.cli.assistants"), 25),
+    "foxglove": (("pointit.bridges.foxglove",), 6),
     "speech": (("pointit.speech", "pointit.services.listener"), 11),
     "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 35),
     "testing": (("pointit.testing", "pointit.cli.plugins"), 16),

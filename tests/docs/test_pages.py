@@ -23,7 +23,8 @@ REASONS = {
 }
 """Words behind `no-run: `."""
 UNRUN = {
-    "README.md": 1, "deploy/README.md": 10, "docs/explanation/limits.md": 1, "docs/how-to/assistants.md": 2,
+    "README.md": 1, "deploy/README.md": 10, "docs/explanation/limits.md": 1,
+    "docs/explanation/simulation.md": 1, "docs/how-to/assistants.md": 2,
     "docs/how-to/contribute.md": 1, "docs/how-to/conveyor.md": 1, "docs/how-to/export.md": 3,
     "docs/how-to/home.md": 1, "docs/how-to/home-assistant.md": 3,
     "docs/how-to/measure.md": 9, "docs/how-to/motion-capture.md": 1, "docs/how-to/observe.md": 1,

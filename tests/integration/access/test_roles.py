@@ -89,6 +89,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
 
 
 OF_PEOPLE = (topics.FIND_REFERENTS,)
+OF_CARRIERS = (topics.BEGIN_ACT,)
 
 
 def may_read(me: str, topic: object, name: str) -> bool:
@@ -172,7 +173,7 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 key
                 for key, (row, name) in keys.items()
                 if NAMES[me] == "operator"
-                or (NAMES[me] == "web" and row not in OF_PEOPLE)
+                or (NAMES[me] == "web" and row not in (*OF_PEOPLE, *OF_CARRIERS))
                 or row is topics.STOP_ROBOT
                 or (row is topics.READ_HISTORY and NAMES[me] != "dashboard")
                 or (

@@ -145,7 +145,7 @@ class RecordedResults:
         """
         body = entry.body
         if isinstance(body, ThingStates):
-            if self._asked or any(isinstance(other.body, Exchange) for other in self._waiting):
+            if self._asked or self._has_question_at(entry.time_ns):
                 self._waiting.append(entry)
             else:
                 self._edge.repeat(entry)
@@ -166,19 +166,24 @@ class RecordedResults:
             self._waiting.append(entry)
             return
         act_again = act.model_copy(update={"event_ns": again[number]})
-        body_again = body.model_copy(update={"query": act_again}) if isinstance(body, Exchange) else act_again
-        self._pass_on(entry._replace(body=body_again))
+        if isinstance(body, Exchange):
+            self._repeat_question(
+                entry._replace(body=body.model_copy(update={"query": act_again})), act_again
+            )
+        elif isinstance(act_again, ActResult):
+            self._edge.repeat(entry._replace(body=act_again))
 
-    def _pass_on(self, entry: Entry) -> None:
-        body = entry.body
-        if not isinstance(body, Exchange):
-            self._edge.repeat(entry)
-            return
+    def _has_question_at(self, time_ns: int) -> bool:
+        """Return True if a question of this instant waits for its event."""
+        return any(isinstance(other.body, Exchange) and other.time_ns == time_ns for other in self._waiting)
+
+    def _repeat_question(self, entry: Entry, act: ActResult | BeginAct) -> None:
         question = self._ask(entry)
-        if question is not None:
-            act = (body.query.object_id, body.query.event_ns)
-            self._asked.add(act)
-            question.add_done_callback(lambda _: self._on_answered(act))
+        if question is None:
+            return
+        key = (act.object_id, act.event_ns)
+        self._asked.add(key)
+        question.add_done_callback(lambda _: self._on_answered(key))
 
     def _on_answered(self, act: tuple[str, int]) -> None:
         self._asked.discard(act)

@@ -75,12 +75,13 @@ class Shop:
         return process
 
     async def switch(self) -> str:
-        """Switch the radio once the selector knows it, and return the reply."""
+        """Switch the radio once the selector knows it and its carrier, and return the reply."""
         while True:
             try:
                 reply = await self.site.bus.call(topics.SET_THING, SetThing(thing="radio"), "anna")
             except RefusedError as error:
-                if "is placed" not in str(error):
+                is_known = "is placed" not in str(error) and "is not known yet" not in str(error)
+                if is_known:
                     raise
                 await asyncio.sleep(0.05)
             else:

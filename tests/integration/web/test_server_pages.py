@@ -150,7 +150,7 @@ async def test_request_is_answered_by_its_server(bench: Bench, page: Page) -> No
 
     bench.bus.serve(topics.SET_SPEED, set_speed)
     done = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 1, "belts": ["a"]})
-    assert done["reply"] == {"message": "it runs"}
+    assert done["reply"] == {"message": "it runs", "status": None}
     assert done["error"] == ""
     assert asked == [models.SetSpeed(speed_mps=1.0, belts=("a",))]
     refused = await page.ask(key=topics.SET_SPEED.key, query={"speed_mps": 2})

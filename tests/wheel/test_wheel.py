@@ -133,7 +133,8 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
     ended = await commands.run([str(plain), "--help"]).end()
     assert "evaluate" not in ended.out
     refused = await commands.run([str(plain), "evaluate", "selection"]).end()
-    remedy = f"`pip install {laboratory.name}`; `scripts/wheel` makes this file in a checkout of PointIt"
+    install = f"uv pip install --python {plain.with_name('python')}"  # uv has made the environment
+    remedy = f"`{install} {laboratory.name}`; `scripts/wheel` makes this file in a checkout of PointIt"
     assert (refused.code, refused.out) == (2, "")
     assert refused.err == (
         f"Error: `pointit evaluate` is a command of pointit-lab, which is not installed; run {remedy}\n"

@@ -66,6 +66,7 @@ from pointit.schemas.pointing import (
     Passed,
     PointingRay,
     RememberedBias,
+    StepChoice,
     UserPose,
 )
 from pointit.schemas.requests import (
@@ -156,9 +157,10 @@ __all__ = [
     "SetMethodReply", "SetMounting", "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetThing",
     "SetTolerance", "SetToleranceReply", "SetUpHome",
     "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",
-    "StartLocalization", "Steering", "Step", "StopRobot", "Strip", "StripFrame", "StripsFrame", "Thing",
-    "ThingState", "ThingStates", "TrackedObject", "TrackedObjects", "Understood", "UndoSelection",
-    "UseMap", "UseMapReply", "UserPose", "UserProfile", "Word", "WristSample", "decode", "encode", "pack",
+    "StartLocalization", "Steering", "Step", "StepChoice", "StopRobot", "Strip", "StripFrame",
+    "StripsFrame", "Thing", "ThingState", "ThingStates", "TrackedObject", "TrackedObjects",
+    "Understood", "UndoSelection", "UseMap", "UseMapReply", "UserPose", "UserProfile", "Word",
+    "WristSample", "decode", "encode", "pack",
     "summarize_validation_error",
 ]  # fmt: skip
 

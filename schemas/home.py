@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from pointit.schemas.base import Extent, Id, KeyNameOrEmpty, Many, Query, Real, Reply, SchemaModel
+from pointit.schemas.pointing import StepChoice
 
 HomeStep = Literal["connect", "choose", "hand", "place", "try", "done"]
 """Card of the set-up: the Home Assistant, the lamps, what points, where the lamps are, a trial; or none."""
@@ -15,7 +16,28 @@ HomeAct = Literal[
     "align", "stand", "finish", "go"
 ]  # fmt: skip
 """Act of the person at the cards, see `SetUpHome.act`."""
+HomeQuality = Literal["", "good", "fair", "again"]
+HomeKind = Literal[
+    "lamp", "ceiling", "strip", "spot", "plug", "fan", "cover", "media", "scene", "danger", "other"
+]
+"""What a thing of a home is. danger: switching it unseen can do harm, such as a garage door."""
+HomeChoice = Literal[
+    "",
+    "walk",
+    "stay",
+    "take_back",
+    "skip",
+    "finish",
+    "beside",
+    "mistaken",
+    "met",
+    "other",
+    "repeat",
+    "exchange",
+]
+"""What a person may choose at their next step, or correct, see `SetUpHome.choice`."""
 MAX_URL = 300
+MAX_SENTENCE = 500
 TOKEN_FILE = "home-assistant.token"  # noqa: S105 - a name
 """Name of the file with the token in the folder of a home."""
 PASSWORD_FILE = "mqtt.password"  # noqa: S105 - a name
@@ -30,7 +52,7 @@ LAMP = "lamp:"
 class SetUpHome(Query):
     """One act of a person at the cards that set up a home."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     act: Annotated[
         HomeAct,
@@ -43,6 +65,16 @@ class SetUpHome(Query):
             "over; go: to the card `step`"
         ),
     ] = "read"
+    choice: Annotated[
+        HomeChoice,
+        Field(
+            description="with the act read: walk to finish as the acts; beside: the newest press counts, its "
+            "lamp is right beside the one that was pressed there; mistaken: it counts, that one comes again; "
+            "met: the lamp that is tried reacted; other: another one did, so that both are exchanged, or the "
+            "tried one is pointed at again; repeat: `lamps[0]` is pointed at once more from `place`; "
+            "exchange: `lamps` are two whose places are exchanged"
+        ),
+    ] = ""
     url: Annotated[
         str,
         Field(
@@ -78,8 +110,17 @@ class HomeLamp(SchemaModel):
     is_placed: bool = False
     places: Annotated[int, Field(ge=0, le=2, description="number of places from which it was pointed at")] = 0
     direction_sigma_rad: Annotated[
-        Extent | None, Field(description="of the direction from the places, worst; None if it is not placed")
+        Extent | None,
+        Field(description="of the angle to it from the places, worst; None if it is not placed"),
     ] = None
+    quality: Annotated[
+        HomeQuality,
+        Field(description="how well its direction is known; again: point at it again. Empty: not measured"),
+    ] = ""
+    kind: Annotated[HomeKind, Field(description="what it is, from its entity and device class")] = "other"
+    is_met: Annotated[bool, Field(description="it has reacted when it was meant, since it was placed")] = (
+        False
+    )
     reason: Annotated[
         str, Field(max_length=500, description="why it is not placed; a sentence, or empty")
     ] = ""
@@ -88,7 +129,7 @@ class HomeLamp(SchemaModel):
 class HomeSetup(Reply):
     """The state of the set-up."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for some 4000 lamps with usual names."""
@@ -125,6 +166,25 @@ class HomeSetup(Reply):
     advice: Annotated[
         Many[Annotated[str, Field(max_length=500)]],
         Field(description="sentences on lamps that cannot be used, and on names that are confused"),
+    ] = ()
+    next_step: Annotated[
+        str, Field(max_length=MAX_SENTENCE, description="of the person, as their phone says it; or empty")
+    ] = ""
+    choices: Annotated[
+        Many[StepChoice], Field(description="values of `SetUpHome.choice` at this step, the usual one first")
+    ] = ()
+    tried: Annotated[Id, Field(description="lamp that is tried now; or empty")] = ""
+    beside: Annotated[
+        Id, Field(description="lamp at which the arm still points after the newest press; or empty")
+    ] = ""
+    is_short_walk: Annotated[bool, Field(description="the presses say that the person has hardly walked")] = (
+        False
+    )
+    is_waiting: Annotated[
+        bool, Field(description="the home does not answer; it goes on by itself when it does")
+    ] = False
+    may_repeat: Annotated[
+        Many[HomePlace], Field(description="places from which a lamp can be pointed at once more")
     ] = ()
     goes_off: Annotated[
         bool,

@@ -261,10 +261,17 @@ class Announced(Message):
     ] = 0
 
 
+class StepChoice(SchemaModel):
+    """A choice that a person has at their next step, besides pointing and pressing."""
+
+    id: KeyName
+    label: Annotated[str, Field(min_length=1, max_length=MAX_ID, description="of its button")]
+
+
 class Interaction(Message):
     """State of the person in the interaction's life cycle (paper, §II-D), and their next step."""
 
-    version: ClassVar[int] = 4
+    version: ClassVar[int] = 5
 
     state: Literal["idle", "localizing", "pointing"]
     next_step: Annotated[str, Field(description="instruction to the person, in one sentence")] = ""
@@ -287,6 +294,10 @@ class Interaction(Message):
     is_advised: Annotated[
         bool, Field(description="the next step is that of a service which acts on what the person does")
     ] = False
+    is_guided: Annotated[
+        bool, Field(description="a set-up leads the person: nothing else instructs them meanwhile")
+    ] = False
+    choices: Annotated[Many[StepChoice], Field(description="of the next step, the usual one first")] = ()
 
 
 class Goal(Message):

@@ -19,7 +19,7 @@ from pointit.schemas.base import (
     Vec3,
 )
 from pointit.schemas.person import MAX_WORDS, Deictic, PointingOffset, Referent
-from pointit.schemas.pointing import Covariance, RememberedBias
+from pointit.schemas.pointing import Covariance, RememberedBias, StepChoice
 from pointit.schemas.selection import ActStatus, FailureCode, SelectionEvent
 
 
@@ -271,7 +271,7 @@ class StopRobot(Query):
 class Say(Query):
     """Tell a person something, by a cue with a text."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     text: Annotated[str, Field(min_length=1, max_length=200)]
     stays: Annotated[
@@ -283,6 +283,16 @@ class Say(Query):
     is_over: Annotated[bool, Field(description="no cue: `text`, which stays, does not stay any longer")] = (
         False
     )
+    guides: Annotated[
+        bool,
+        Field(
+            description="with `stays`: a set-up leads the person, so that it is their next step also while "
+            "they rest, and before that of any other service"
+        ),
+    ] = False
+    choices: Annotated[
+        Many[StepChoice], Field(description="with `guides`: that the person has at this step")
+    ] = ()
 
 
 class FindReferents(Query):

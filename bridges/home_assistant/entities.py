@@ -22,6 +22,8 @@ class HomeEntity(NamedTuple):
     entity: str
     name: str
     state: str
+    device_class: str = ""
+    icon: str = ""
 
 
 async def entities_of(connection: HomeConnection) -> list[HomeEntity]:
@@ -44,8 +46,18 @@ async def entities_of(connection: HomeConnection) -> list[HomeEntity]:
         device = devices.get(entry.get("device_id") or "", {})
         area_id = entry.get("area_id") or device.get("area_id") or ""
         area = areas.get(area_id, {}).get("name") or ""
-        name = state.get("attributes", {}).get("friendly_name") or entity
-        entities.append(HomeEntity(area, entity, str(name), str(state.get("state"))))
+        attributes = state.get("attributes", {})
+        name = attributes.get("friendly_name") or entity
+        entities.append(
+            HomeEntity(
+                area,
+                entity,
+                str(name),
+                str(state.get("state")),
+                device_class=str(attributes.get("device_class") or ""),
+                icon=str(attributes.get("icon") or ""),
+            )
+        )
     return sorted(entities, key=_order)
 
 

@@ -363,6 +363,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             refusal = self._setup.refusal(act.event.user)
             if refusal:
                 raise ActFailedError("refused", refusal)
+            self._setup.on_act(act.event.user, action.entity)
         reported = self.state_of(action)
         entity = action.entity
         if reported.state == UNAVAILABLE:

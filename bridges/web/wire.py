@@ -47,6 +47,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
+from pointit.schemas import StepChoice
 from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Real, Vec3
 
 Role = Literal["operator", "viewer", "wrist"]
@@ -240,6 +241,10 @@ class Cue(WireModel):
     announced: Annotated[str, Field(description="name of a thing to speak now; empty if there is none")] = ""
     has_names: Annotated[bool, Field(description="names of things are spoken to the person")] = False
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
+    is_guided: Annotated[bool, Field(description="a set-up leads the person, as in `Interaction`")] = False
+    choices: Annotated[
+        tuple[StepChoice, ...], Field(description="of the next step, as in `Interaction`")
+    ] = ()
 
 
 class TimelineLane(WireModel):

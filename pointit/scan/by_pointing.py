@@ -52,6 +52,7 @@ class TargetRay:
         origin_m, direction: from the eyes, unit.
         place_sigma_m, heading_sigma_rad: of the person's pose.
         azimuth_sigma_rad: of this ray's azimuth beside others of the person, or None for that of the model.
+        elevation_sigma_rad: the same of its elevation.
     """
 
     target: str
@@ -62,6 +63,7 @@ class TargetRay:
     place_sigma_m: float = PLACE_SIGMA_M
     heading_sigma_rad: float = HEADING_SIGMA_RAD
     azimuth_sigma_rad: float | None = None
+    elevation_sigma_rad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,9 @@ class PointingModel:
         self.origins = np.array([ray.origin_m for ray in rays])
         self.directions = np.array([ray.direction for ray in rays])
         azimuth_sigmas_rad = [ray.azimuth_sigma_rad or hold_sigma_rad for ray in rays]
+        elevation_sigmas_rad = [ray.elevation_sigma_rad or hold_sigma_rad for ray in rays]
         self._azimuth_sigmas_rad = np.array(azimuth_sigmas_rad)
+        self._elevation_sigmas_rad = np.array(elevation_sigmas_rad)
 
         # Targets have no prior. If the rays of a place differ in theirs, the last one counts.
         prior_sigmas = [np.full(2 * len(people), bias_sigma_rad)]
@@ -210,9 +214,9 @@ class PointingModel:
         elevation_error = elevation + elevation_bias - measured_elevation
 
         level = np.cos(measured_elevation)  # an azimuth error of a steep ray is a smaller angle
-        sigma_rad = self._hold_sigma_rad
         across = azimuth_error * level / self._azimuth_sigmas_rad
-        return np.concatenate([across, elevation_error / sigma_rad, self.priors(values)])
+        upwards = elevation_error / self._elevation_sigmas_rad
+        return np.concatenate([across, upwards, self.priors(values)])
 
     def priors(self, values: Array) -> Array:
         """Return the weighted residuals of the unknowns of people and places."""

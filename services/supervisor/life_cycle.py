@@ -7,7 +7,7 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
 from pointit.schemas.cues import MAX_FLASHES, SIGNS, Cue
-from pointit.schemas.pointing import PressEffect
+from pointit.schemas.pointing import PressEffect, StepChoice
 from pointit.schemas.selection import SelectionManner
 from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
@@ -101,11 +101,19 @@ class InteractionResume:
         return "localizing" if localization.phase == "sampling" else "pointing"
 
 
+@dataclass(frozen=True)
+class Guidance:
+    """Next step of a set-up that leads the person, and the choices that they have."""
+
+    text: str
+    choices: tuple[StepChoice, ...] = ()
+
+
 class InteractionPublisher:
     """Numbers states and cues, and skips unchanged states."""
 
     def __init__(self) -> None:
-        self._shown: tuple[State, str, str, PressEffect, tuple[str, ...], bool, bool] | None = None
+        self._shown: tuple[object, ...] | None = None
         self._seq = 0
         self._cues = 0
         self._flashes_ns = deque[int](maxlen=MAX_FLASHES)
@@ -122,10 +130,11 @@ class InteractionPublisher:
         press: PressEffect,
         is_unsure: bool = False,
         is_advised: bool = False,
+        guidance: Guidance | None = None,
     ) -> list[Interaction]:
         """Return the state of the interaction, unless it equals the last one."""
         # A number is used up only by a state that is published
-        update = (state, reason, next_step, press, ahead, is_unsure, is_advised)
+        update = (state, reason, next_step, press, ahead, is_unsure, is_advised, guidance)
         if update == self._shown:
             return []
         self._seq += 1
@@ -141,6 +150,8 @@ class InteractionPublisher:
                 ahead=ahead,
                 is_unsure=is_unsure,
                 is_advised=is_advised,
+                is_guided=guidance is not None,
+                choices=() if guidance is None else guidance.choices,
             )
         ]
 
@@ -214,6 +225,8 @@ class LifeCycle:
         self._advice: dict[str, str] = {}
         """Next steps of services that act on what the person does, while they point, by instance. The newest
         is shown."""
+        self._guidance: dict[str, Guidance] = {}
+        """Next steps of set-ups that lead the person, by instance. The newest is shown before all others."""
         self._hears_names = False
         """Names of objects are spoken to the person."""
 
@@ -330,11 +343,19 @@ class LifeCycle:
         self._advice[service] = text
         return [*self._show_state(now_ns)]
 
+    def guide(self, guidance: Guidance, now_ns: int, service: str = "") -> list[Output]:
+        """Set the next step of a person, also while they rest, until `service` gives another one or ends."""
+        self._guidance.pop(service, None)
+        self._guidance[service] = guidance
+        return [*self._show_state(now_ns)]
+
     def end_advice(self, service: str, now_ns: int, text: str = "") -> list[Output]:
         """End the next step of `service`, if it is `text` or that is empty. Another service's shows again."""
-        if service not in self._advice or text not in ("", self._advice[service]):
-            return []
-        del self._advice[service]
+        guidance = self._guidance.get(service)
+        if guidance is not None and text in ("", guidance.text):
+            del self._guidance[service]
+        if service in self._advice and text in ("", self._advice[service]):
+            del self._advice[service]
         return [*self._show_state(now_ns)]
 
     def tick(self, now_ns: int) -> list[Output]:
@@ -501,12 +522,22 @@ class LifeCycle:
             press=self._press,
             is_unsure=is_unsure,
             is_advised=has_advice and not is_unsure,
+            guidance=self._guides,
         )
+
+    @property
+    def _guides(self) -> Guidance | None:
+        """Return the newest guidance, unless the person is being localized."""
+        if self._attempt is not None:
+            return None
+        return next(reversed(self._guidance.values()), None)
 
     @property
     def _next_step(self) -> str:
         if self._attempt is not None:
             return self._attempt.next_step
+        if self._guides is not None:
+            return self._guides.text
         if self._stage == "pointing":
             return transitions.POINT_AT_LAMP if self._is_unsure else self._pointing
         return transitions.rest(

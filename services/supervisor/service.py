@@ -31,7 +31,14 @@ from pointit.schemas import (
 )
 from pointit.schemas.problems import UNWRITABLE
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
-from pointit.services.supervisor.life_cycle import LAST_WORD_PURPOSE, Cancel, LifeCycle, Output, Start
+from pointit.services.supervisor.life_cycle import (
+    LAST_WORD_PURPOSE,
+    Cancel,
+    Guidance,
+    LifeCycle,
+    Output,
+    Start,
+)
 from pointit.services.supervisor.pose_restore import PoseRestorer
 from pointit.services.supervisor.transitions import OFFSET_PURPOSE, offset_in_use, offset_problem
 
@@ -242,7 +249,10 @@ class Supervisor(Service[SupervisorConfig]):
         if query.is_over:
             self._process_outputs(self._cycle.end_advice(query.service, now_ns, query.text))
             return Done(message=f"{self.user} is not advised so any longer")
-        if query.stays:
+        if query.stays and query.guides:
+            guidance = Guidance(query.text, query.choices)
+            self._process_outputs(self._cycle.guide(guidance, now_ns, query.service))
+        elif query.stays:
             self._process_outputs(self._cycle.advise(query.text, now_ns, query.service))
         else:
             self._process_outputs(self._cycle.cue_of_text(query.text, now_ns))

@@ -7,15 +7,19 @@ No core: it writes files.
 """
 
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from pydantic import ValidationError
 
 from pointit.bridges.home_assistant.config import FORM, HomeAssistantConfig
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, needs_secret
-from pointit.bridges.home_assistant.setup.progress import AddressTrial, SetupProgress, UsedSecret
+from pointit.bridges.home_assistant.setup.progress import SetupProgress
+from pointit.bridges.home_assistant.setup.stored_setup import AddressTrial, UsedSecret
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
 from pointit.schemas.text import system_reason
+
+USUAL_PORT = 8123
 
 
 class HomeAddress:
@@ -190,6 +194,8 @@ def _checked_url(text: str) -> str:
         checked = ""
     if not checked:
         raise RefusedError(f"that is no address of a Home Assistant: {FORM}")
+    if "://" not in text and urlsplit(checked).port is None:
+        return f"{checked}:{USUAL_PORT}"  # a host alone, as people type it
     return checked
 
 

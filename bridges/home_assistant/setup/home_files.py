@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from pointit.bridges.home_assistant.setup.progress import (
+from pointit.bridges.home_assistant.setup.stored_setup import (
     AddressTrial,
     ChosenLamp,
     PlacedLamp,
@@ -28,7 +28,7 @@ from pointit.runtime.config.yaml_file import MAX_YAML_BYTES, parse_yaml
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, read_limited, write_atomically
 from pointit.runtime.mqtt.broker_config import BrokerConfig, is_broker_url
-from pointit.scan.paced import FIRST, SECOND
+from pointit.scan.paced_model import FIRST, SECOND
 from pointit.schemas.home import LAMP, NEW_SECRET, PASSWORD_FILE, STRIP, TOKEN_FILE
 from pointit.schemas.printable import is_printable
 from pointit.schemas.text import system_reason
@@ -262,6 +262,8 @@ def _edits_of(
         value = {"light": light, "mode": "switch"}
     else:
         value = {"home_assistant": lamp.id, "center": _rounded(ends[""]), "size": [SIZE_M] * 3}
+        if lamp.kind == "danger":
+            value["press"] = True  # staying on it is not enough
 
     if name:
         return edits + _edits_of_thing(file, lamp, name, value)
@@ -307,7 +309,7 @@ def _edits_of_places(file: MapFile, places_m: Sequence[tuple[float, float]]) -> 
 
 def lights_of(file: MapFile) -> list[ChosenLamp]:
     """Return the lights of a map that people can point at: those of controllers in the network."""
-    strips = [ChosenLamp(id=f"{STRIP}{name}", label=name) for name in file.strips]
+    strips = [ChosenLamp(id=f"{STRIP}{name}", label=name, kind="strip") for name in file.strips]
     return strips + [ChosenLamp(id=f"{LAMP}{name}", label=name) for name in file.lamps]
 
 

@@ -10,123 +10,42 @@ device's yaw may change meanwhile, as after a restart. Then a lamp that was poin
 
 import math
 from collections.abc import Collection, Sequence
-from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
-
+from pointit.bridges.home_assistant.setup.lamp_presses import (
+    MIN_AGAIN,
+    angle_between,
+    exactest_press,
+    lamp_beside,
+    presses_at,
+    rays_of,
+    target_apart,
+    target_key,
+    targets_again,
+)
+from pointit.bridges.home_assistant.setup.placed_lamps import exchanged, placed_for_trial, placed_in
+from pointit.bridges.home_assistant.setup.stored_setup import (
+    AddressTrial,
+    ChosenLamp,
+    End,
+    LampPress,
+    StoredSetup,
+    UsedSecret,
+)
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
-from pointit.scan.by_pointing import TargetRay
-from pointit.scan.paced import FIRST, SECOND, USUAL_M, PacedRoom, locate_paced, paced_ray
-from pointit.schemas.home import STRIP, HomeHand, HomePlace, HomeStep
+from pointit.scan.paced import MIN_WALK_M, locate_paced
+from pointit.scan.paced_model import FIRST, SECOND, PacedRoom, PacedTarget
+from pointit.schemas.home import HomeHand, HomePlace, HomeStep
 
 MAX_LAMPS = 64
-TRIAL_SPREAD_RAD = math.radians(60.0)
-TRIAL_HEIGHT_M = 1.4
-"""Azimuth of the outermost lamps, and height of all, if nobody points at them: for a trial with the mouse."""
-MIN_HEIGHT_M = 0.16
-"""Least height of a lamp: half its size, so that it stands on the floor."""
-
-MIN_AGAIN = 4
-"""Number of lamps and ends from which wide movements of the arm are made up for by pressing once more."""
-WIDE_REACH_RAD = math.radians(40.0)
-"""Movement of the arm before a press, from which the lamp comes once more."""
-JUDGED_AGAIN = 3
-MAX_AGAIN_SPREAD_RAD = math.radians(3.0)
-"""Rms of the differences of azimuths of lamps that came once more, up to which the others need not."""
 AGAIN = "your arm came from far away, and a short way is more exact"
 """Reason for which a lamp comes once more."""
-
-End = Literal["", "first", "last"]
-
-
-class _Stored(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class ChosenLamp(_Stored):
-    """A lamp that people want to point at; `id` as in `HomeLamp`."""
-
-    id: str
-    label: str = ""
-    area: str = ""
-
-    @property
-    def ends(self) -> tuple[End, ...]:
-        """Return the ends that are pointed at: two of a strip."""
-        return ("first", "last") if self.id.startswith(STRIP) else ("",)
-
-
-class LampPress(_Stored):
-    """A press of a person who pointed at a lamp, or at an end of a strip.
-
-    Its azimuth is that at the first place, where the map's x axis is that of the device's yaw 0 then.
-    """
-
-    lamp: str
-    end: End
-    place: Literal["A", "B"]
-    azimuth_rad: float
-    elevation_rad: float
-    eyes_m: float
-    reach_rad: float | None = None
-    """Angle from the press before, or None if that is not known."""
-
-
-class PlacedLamp(_Stored):
-    """Position of a lamp or of an end of a strip, and the standard deviation of its direction."""
-
-    lamp: str
-    end: End
-    position_m: Vec3
-    direction_sigma_rad: float
-
-
-class UsedSecret(_Stored):
-    """Address to which a token or password was sent, and the time (ns) at which its file was written."""
-
-    url: str
-    written_ns: int
-    replacement: str = ""
-    """Name as in `AddressTrial` of the one that replaces the file, `""` once it has."""
-
-
-class AddressTrial(_Stored):
-    """An address that nobody has accepted yet."""
-
-    url: str
-    secret: str = ""
-    """Name as in `SetUpHome` of the token or password that was given with it, `""` for the stored one."""
-
-
-class StoredSetup(_Stored):
-    """The set-up of a home as it is stored."""
-
-    step: HomeStep = "connect"
-    url: str = ""
-    """Address that was accepted last."""
-    trial: AddressTrial | None = None
-    has_home: bool = True
-    """False if the person has said that there is no Home Assistant."""
-    secrets: dict[str, UsedSecret] = {}
-    """Use of each file with a token or password, by its name."""
-    offered: tuple[str, ...] = ()
-    """Ids of all lamps that there were when some were chosen."""
-    lamps: tuple[ChosenLamp, ...] = ()
-    hand: HomeHand = ""
-    user: str = ""
-    place: Literal["A", "B"] = FIRST
-    has_one_place: bool = False
-    presses: tuple[LampPress, ...] = ()
-    repeated: tuple[tuple[str, End], ...] = ()
-    """Targets that were pointed at once more, since their presses contradicted the others."""
-    left_out: dict[str, str] = {}
-    """Lamps that are not placed, with the reason."""
-    turn_rad: float = 0.0
-    """Azimuth at the first place of the device's yaw 0 as it is now."""
-    placed: tuple[PlacedLamp, ...] = ()
-    places_m: tuple[tuple[float, float], ...] = ()
-    drift_rad: float = 0.0
+APART = "your presses at it lie far apart: point at it once more"
+AWAY_RAD = math.radians(12.0)
+"""Angle from a press from which the arm points elsewhere."""
+SAME_RAD = math.radians(8.0)
+"""The same for a lamp that was asked for once more, one short way after another."""
 
 
 class SetupProgress:
@@ -146,6 +65,12 @@ class SetupProgress:
         self._epoch: int | None = None
         self._arm_rad: tuple[float, float] | None = None
         """Azimuth and elevation of the last press, {H}."""
+        self.beside = ""
+        """Lamp at which the arm still points, by the press `_pending`, or `""`."""
+        self._pending: LampPress | None = None
+        """Press that counts once the person says that both lamps are beside each other."""
+        self._has_left = False
+        """The arm has pointed elsewhere since `_pending`."""
 
     @property
     def _must_align(self) -> bool:
@@ -173,6 +98,11 @@ class SetupProgress:
             return self._known_target
         if self.state.step != "place":
             return None
+        if self.state.is_short_walk:
+            return None
+        apart = self._target_apart
+        if apart is not None:
+            return apart
         pressed = self._pressed_targets(self.state.place)
         for target in self._targets_in_order:
             if target not in pressed:
@@ -191,33 +121,21 @@ class SetupProgress:
         """Return all targets: at the second place as they stand around the first one."""
         if self.state.place == FIRST:
             return self.targets
-        azimuths_rad = {_target_of(press): press.azimuth_rad for press in self.state.presses[::-1]}
+        azimuths_rad = {press.target: press.azimuth_rad for press in self.state.presses[::-1]}
         return sorted(self.targets, key=lambda target: azimuths_rad.get(target, 0.0))
+
+    @property
+    def _target_apart(self) -> tuple[str, End] | None:
+        """Return the target of the newest press if it agrees with none of the others at it from there."""
+        target = target_apart(self.state.presses, self.state.place)
+        return target if target in self.targets else None
 
     @property
     def _targets_again(self) -> list[tuple[str, End]]:
         """Return the targets that come once more at the first place, as they stand around it."""
         if self.state.place != FIRST or len(self.targets) < MIN_AGAIN:
             return []
-        first: dict[tuple[str, End], LampPress] = {}
-        differences_rad: dict[tuple[str, End], float] = {}
-        for press in self.state.presses:
-            target = _target_of(press)
-            if target in first:
-                difference_rad = press.azimuth_rad - first[target].azimuth_rad
-                differences_rad[target] = math.remainder(difference_rad, math.tau)
-            first.setdefault(target, press)
-
-        # Who points well has done enough
-        spread_rad = math.hypot(*differences_rad.values()) / math.sqrt(max(len(differences_rad), 1))
-        if len(differences_rad) >= JUDGED_AGAIN and spread_rad < MAX_AGAIN_SPREAD_RAD:
-            return []
-        again: list[tuple[str, End]] = []
-        for target, press in first.items():
-            is_wide = press.reach_rad is None or press.reach_rad > WIDE_REACH_RAD
-            if is_wide and target not in differences_rad:
-                again.append(target)
-        return sorted(again, key=lambda target: first[target].azimuth_rad)
+        return targets_again(self.state.presses)
 
     @property
     def place(self) -> HomePlace:
@@ -231,7 +149,7 @@ class SetupProgress:
     def may_walk(self) -> bool:
         """Return True if all lamps were pointed at from the first place, and nothing else is decided."""
         state = self.state
-        if state.step != "place" or state.place != FIRST:
+        if state.step != "place" or state.place != FIRST or self.is_complete:
             return False
         return bool(state.presses) and self.target is None
 
@@ -239,10 +157,10 @@ class SetupProgress:
     def is_complete(self) -> bool:
         """Return True if all lamps were pointed at from all places, so that they can be located."""
         state = self.state
-        if state.step != "place":
+        if state.step != "place" or state.is_short_walk or self.target is not None:
             return False
-        is_last_place = state.place == SECOND or state.has_one_place
-        return is_last_place and self.target is None
+        places = (FIRST,) if state.has_one_place else (FIRST, SECOND)
+        return all(set(self.targets) <= self._pressed_targets(place) for place in places)
 
     def connect(self, url: str, secret: str = "") -> None:
         """Try the home at `url`. Its lamps are chosen once it has accepted. `secret` as in `AddressTrial`."""
@@ -324,8 +242,30 @@ class SetupProgress:
             self._arm_rad = None
         self._epoch = epoch
 
-    def press(self, azimuth_rad: float, elevation_rad: float, eyes_m: float) -> None:
-        """Note that the person points at the target: azimuth and elevation in {H}, height of their eyes."""
+    def on_arm(self, direction: Vec3) -> None:
+        """Note the direction of the arm, {H}."""
+        pending = self._pending
+        if pending is None or self._has_left:
+            return
+        azimuth_rad = pending.azimuth_rad - self.state.turn_rad
+        asked_at = pending.model_copy(update={"azimuth_rad": azimuth_rad}).direction
+        self._has_left = vector.angle_between(asked_at, direction) > AWAY_RAD
+
+    def press(self, azimuth_rad: float, elevation_rad: float, eyes_m: float, spread_rad: float = 0.0) -> None:
+        """Note that the person points at the target.
+
+        A press in the direction of another lamp does not count at once: `beside` is that lamp until `confirm`
+        or `replace_beside`. It counts also if they point elsewhere and come back to it.
+
+        Args:
+            azimuth_rad: {H}.
+            elevation_rad: {H}.
+            eyes_m: height of their eyes.
+            spread_rad: rms angle of the rays of the press around their mean.
+
+        Raises:
+            RefusedError: If it is no lamp's turn.
+        """
         target = self.target
         if target is None:
             raise RefusedError("it is no lamp's turn now")
@@ -341,9 +281,46 @@ class SetupProgress:
             elevation_rad=elevation_rad,
             eyes_m=eyes_m,
             reach_rad=self._reach_to(azimuth_rad, elevation_rad),
+            spread_rad=spread_rad,
+            zero=self.state.zero,
         )
+        beside = lamp_beside(self.state.presses, press)
+        has_come_back = self._pending is not None and self._has_left and beside == self.beside
+        if beside and not has_come_back:
+            self.beside = beside
+            self._pending = press
+            self._has_left = False
+            return
+        self._count(press)
+
+    def confirm(self) -> None:
+        """Count the press in the direction of another lamp: they are beside each other."""
+        if self._pending is None:
+            raise RefusedError("there is nothing to confirm now")
+        self._count(self._pending)
+
+    def replace_beside(self) -> None:
+        """Count the press in the direction of another lamp, whose own press was wrong: it comes again."""
+        pending = self._pending
+        if pending is None:
+            raise RefusedError("there is nothing to correct now")
+        remaining: list[LampPress] = []
+        for press in self.state.presses:
+            if press.lamp != self.beside or press.place != pending.place:
+                remaining.append(press)
+        self._change(presses=tuple(remaining))
+        self._count(pending)
+
+    def _count(self, press: LampPress) -> None:
+        self._forget_pending()
         self._change(presses=(*self.state.presses, press))
-        self.reasons.pop(lamp, None)
+        self.reasons.pop(press.lamp, None)
+        if self._target_apart is not None:
+            self.reasons[press.lamp] = APART
+
+    def _forget_pending(self) -> None:
+        self.beside = ""
+        self._pending = None
 
     def _reach_to(self, azimuth_rad: float, elevation_rad: float) -> float | None:
         """Return the angle by which the arm has moved since the last press, and note where it is now."""
@@ -355,34 +332,74 @@ class SetupProgress:
 
     def take_back(self) -> None:
         """Forget the last press. At the second place without presses, return to the first one."""
+        if self._pending is not None:
+            self._forget_pending()
+            return
         presses = self.state.presses
         if self.state.step != "place" or not presses:
             raise RefusedError("there is no press to take back")
-        self._change(presses=presses[:-1], place=presses[-1].place, has_one_place=False)
+        self._change(presses=presses[:-1], place=presses[-1].place, has_one_place=False, is_short_walk=False)
+
+    def repeat(self, lamp: str, place: HomePlace) -> None:
+        """Point at a lamp once more from a place, where the presses at it so far do not count any more."""
+        state = self.state
+        if state.hand not in ("phone", "wrist") or not state.presses:
+            raise RefusedError("nobody has pointed at lamps yet: place them first")
+        if lamp not in {chosen.id for chosen in state.lamps}:
+            raise RefusedError("that lamp is not chosen: choose it first")
+        has_walked = any(press.place == SECOND for press in state.presses)
+        if place not in (FIRST, SECOND) or (place == SECOND and not has_walked):
+            raise RefusedError("nobody has pointed from the second place yet")
+        self._forget_pending()
+        remaining: list[LampPress] = []
+        for press in state.presses:
+            if press.lamp != lamp or press.place != place:
+                remaining.append(press)
+        self.reasons.pop(lamp, None)
+        self._arm_rad = None
+        self._change(
+            step="place",
+            place=place,
+            presses=tuple(remaining),
+            repeated=tuple(target for target in state.repeated if target[0] != lamp),
+            dropped=tuple(press for press in state.dropped if press.lamp != lamp),
+            left_out={name: reason for name, reason in state.left_out.items() if name != lamp},
+            met=tuple(name for name in state.met if name != lamp),
+            zero=state.zero + 1,
+        )
 
     def walk(self) -> None:
-        """Note that the person stands at the second place."""
-        if not self.may_walk:
+        """Note that the person stands at the second place, or has walked further from the first one."""
+        if not self.may_walk and not self.state.is_short_walk:
             raise RefusedError("point at all lamps from the first place before you walk")
         self._arm_rad = None
-        self._change(place=SECOND)
+        self._forget_pending()
+        presses = self.state.presses
+        if self.state.is_short_walk:
+            presses = tuple(press for press in presses if press.place == FIRST)
+        self._change(place=SECOND, presses=presses, is_short_walk=False)
 
     def stay(self) -> None:
         """Note that the person points from one place only."""
-        if not self.may_walk:
+        if not self.may_walk and not self.state.is_short_walk:
             raise RefusedError("point at all lamps first")
-        self._change(has_one_place=True)
+        presses = tuple(press for press in self.state.presses if press.place == FIRST)
+        self._change(has_one_place=True, place=FIRST, presses=presses, is_short_walk=False)
 
     def skip(self) -> None:
         """Leave out the lamp whose turn it is, or point without finding the zero of the device again."""
         if self.is_aligning and self.state.step != "place":
             self.is_aligning = False
             return
+        if self.tried_lamp:
+            self._change(aside=(*self.state.aside, self.tried_lamp))
+            return
         target = self.target
         if target is None or self.is_aligning:
             raise RefusedError("there is nothing to skip now")
         if len({lamp for lamp, _ in self.targets}) == 1:
             raise RefusedError("one lamp must remain: go back and choose another one")
+        self._forget_pending()
         self._leave_out({target[0]: "you left it out"})
 
     def start_aligning(self) -> None:
@@ -426,79 +443,140 @@ class SetupProgress:
     def fit(self) -> PacedRoom:
         """Return the room of the presses. May take half a second."""
         state = self.state
-        rays: list[TargetRay] = []
-        for press in state.presses:
-            if press.lamp in state.left_out:
-                continue
-            key = target_key(press.lamp, press.end)
-            eyes_m = (0.0, 0.0, press.eyes_m)
-            reach_rad = math.pi if press.reach_rad is None else press.reach_rad
-            rays.append(paced_ray(key, press.place, eyes_m, _direction(press), reach_rad))
-        return locate_paced(rays)
+        presses = [press for press in state.presses if press.lamp not in state.left_out]
+        return locate_paced(rays_of(presses))
 
     def on_room(self, room: PacedRoom) -> None:
-        """Place the lamps as in `room`. Lamps whose presses contradict the others are asked for once more."""
+        """Place the lamps as in `room`. Lamps whose presses contradict the others are asked for once more.
+
+        After a walk of less than a step the person decides: no distance was learned.
+        """
         # A lamp that contradicts the others again is left out
         asked_again: list[tuple[str, End]] = []
         left_out: dict[str, str] = {}
         for lamp, end in self.targets:
-            reason = room.targets[target_key(lamp, end)].reason
+            target = room.targets[target_key(lamp, end)]
+            reason = self._contradiction(target)
             if reason and (lamp, end) in self.state.repeated:
-                left_out[lamp] = reason
+                left_out[lamp] = self._repeated_contradiction(lamp, end, reason)
             elif reason:
                 asked_again.append((lamp, end))
                 self.reasons[lamp] = reason
         if asked_again:
             # The presses of other places stay: only those of this place are made once more.
             remaining: list[LampPress] = []
+            dropped: list[LampPress] = []
             for press in self.state.presses:
-                is_repeated = (press.lamp, press.end) in asked_again
-                if press.place != self.state.place or not is_repeated:
-                    remaining.append(press)
-            self._change(presses=tuple(remaining), repeated=(*self.state.repeated, *asked_again))
+                is_repeated = press.target in asked_again and press.place == self.state.place
+                (dropped if is_repeated else remaining).append(press)
+            self._change(
+                presses=tuple(remaining),
+                repeated=(*self.state.repeated, *asked_again),
+                dropped=(*self.state.dropped, *dropped),
+            )
             return
         lamps = {lamp for lamp, _ in self.targets}
         if left_out and len(left_out) < len(lamps):
             self._leave_out(left_out)  # it is complete without them, and fitted once more
             return
+        if len(room.places_m) > 1 and room.walk_m < MIN_WALK_M:
+            self._change(is_short_walk=True)
+            return
         self._on_located(room)
 
+    def _contradiction(self, target: PacedTarget) -> str:
+        """Return the reason for which a lamp contradicts the others, naming the other one, or `""`."""
+        if not target.reason or not target.other:
+            return target.reason
+        return f"its presses and those at {self.label_of(target.other.partition('|')[0])} look exchanged"
+
+    def _repeated_contradiction(self, lamp: str, end: End, reason: str) -> str:
+        """Return the reason of a repeated contradiction: after the same press, the other place is wrong."""
+        place = self.state.place
+        presses = presses_at(self.state.presses, (lamp, end), place)
+        for previous in self.state.dropped:
+            is_same = previous.target == (lamp, end) and previous.place == place
+            if is_same and presses and angle_between(previous, presses[-1]) < SAME_RAD:
+                other = "first" if place == SECOND else "second"
+                return f"you pointed at the same twice from here: repeat it from the {other} place"
+        return reason
+
+    @property
+    def tried_lamp(self) -> str:
+        """Return the placed lamp that is to be tried next, unsure ones first, or `""`."""
+        state = self.state
+        if state.step != "try":
+            return ""
+        done = {*state.met, *state.aside}
+        unsure = {placed.lamp: placed.is_unsure for placed in state.placed}
+        remaining = [lamp.id for lamp in state.lamps if lamp.id in unsure and lamp.id not in done]
+        remaining.sort(key=lambda lamp: not unsure[lamp])
+        return remaining[0] if remaining else ""
+
+    def meet(self, lamp: str = "") -> None:
+        """Note that a lamp has reacted when it was meant; `""`: the one that is tried."""
+        lamp = lamp or self.tried_lamp
+        if lamp not in {placed.lamp for placed in self.state.placed}:
+            raise RefusedError("that lamp is not placed yet")
+        if lamp not in self.state.met:
+            self._change(met=(*self.state.met, lamp))
+
+    def correct(self, reacted: str) -> None:
+        """Correct the lamp that is tried, since another one reacted: `reacted`, or `""` if not known."""
+        tried = self.tried_lamp
+        if not tried:
+            raise RefusedError("no lamp is tried now")
+        if reacted and reacted != tried:
+            self.exchange((tried, reacted))
+        else:
+            self.repeat(tried, FIRST)
+
+    def exchange(self, lamps: Sequence[str]) -> None:
+        """Exchange the places of two lamps, and their presses: each was taken for the other."""
+        placed = {lamp.lamp for lamp in self.state.placed if not lamp.end}
+        if len(set(lamps)) != 2 or not set(lamps) <= placed:
+            raise RefusedError("say which two lamps, both placed, were taken for each other")
+        other = {lamps[0]: lamps[1], lamps[1]: lamps[0]}
+        self._change(
+            placed=tuple(exchanged(lamp, other) for lamp in self.state.placed),
+            presses=tuple(exchanged(press, other) for press in self.state.presses),
+            met=tuple(lamp for lamp in self.state.met if lamp not in other),
+        )
+
+    def reason_of(self, lamp: str) -> str:
+        """Return the reason for which a lamp is left out or comes once more, or `""`."""
+        reason = self.state.left_out.get(lamp, "") or self.reasons.get(lamp, "")
+        if not reason and self.is_again and self.target is not None and self.target[0] == lamp:
+            return AGAIN
+        return reason
+
+    def label_of(self, lamp: str) -> str:
+        """Return the name of a chosen lamp as people know it."""
+        for chosen in self.state.lamps:
+            if chosen.id == lamp and chosen.label:
+                return chosen.label
+        return lamp
+
     def _on_located(self, room: PacedRoom) -> None:
-        placed: list[PlacedLamp] = []
-        for lamp, end in self.targets:
-            target = room.targets[target_key(lamp, end)]
-            x, y, z = target.position_m
-            placed.append(
-                PlacedLamp(
-                    lamp=lamp,
-                    end=end,
-                    position_m=(x, y, max(z, MIN_HEIGHT_M)),
-                    direction_sigma_rad=max(target.direction_sigmas_rad),
-                )
-            )
-        self._change(placed=tuple(placed), places_m=room.places_m, drift_rad=room.drift_rad, step="try")
+        placed = placed_in(room, self.targets)
+        self._change(
+            placed=placed, places_m=room.places_m, drift_rad=room.drift_rad, step="try", met=(), aside=()
+        )
         self._set_pose(room.places_m[-1], self.state.turn_rad - room.drift_rad)
 
     def _place_for_trial(self) -> None:
-        targets = self.targets
-        placed: list[PlacedLamp] = []
-        for index, (lamp, end) in enumerate(targets):
-            share = 0.5 if len(targets) == 1 else index / (len(targets) - 1)
-            azimuth_rad = TRIAL_SPREAD_RAD * (1.0 - 2.0 * share)
-            position_m = (USUAL_M * math.cos(azimuth_rad), USUAL_M * math.sin(azimuth_rad), TRIAL_HEIGHT_M)
-            placed.append(PlacedLamp(lamp=lamp, end=end, position_m=position_m, direction_sigma_rad=0.0))
-        self._change(placed=tuple(placed), places_m=((0.0, 0.0),), drift_rad=0.0, step="try", presses=())
+        placed = placed_for_trial(self.targets)
+        self._change(
+            placed=placed, places_m=((0.0, 0.0),), drift_rad=0.0, step="try", presses=(), met=(), aside=()
+        )
         self._set_pose((0.0, 0.0), 0.0)
 
     @property
     def _known_target(self) -> tuple[str, End] | None:
-        """Return a target of which the azimuth is known: of this place, else of the first one."""
+        """Return the target of which the azimuth is known best: of this place, else of the first one."""
         if self.state.step == "place":
-            place = self.place
-            for press in self.state.presses:
-                if press.place == place:
-                    return press.lamp, press.end
-            return None
+            press = exactest_press(self.state.presses, self.place)
+            return None if press is None else press.target
         if not self.state.placed:
             return None
         first = self.state.placed[0]
@@ -510,26 +588,31 @@ class SetupProgress:
         known_rad = self._known_azimuth(target)
         turn_rad = math.remainder(known_rad - azimuth_rad, math.tau)
         self.is_aligning = False
-        self._change(turn_rad=turn_rad)
+        self._change(turn_rad=turn_rad, zero=state.zero + 1)
         if state.step != "place":
             self._set_pose((0.0, 0.0), turn_rad)
 
     def _known_azimuth(self, target: tuple[str, End]) -> float:
         """Return the azimuth of `_known_target`: as pressed from this place, or else on the map."""
         if self.state.step == "place":
-            place = self.place
-            presses = [press for press in self.state.presses if press.place == place]
-            press = next(press for press in presses if (press.lamp, press.end) == target)
-            return press.azimuth_rad
+            press = exactest_press(self.state.presses, self.place)
+            if press is not None:
+                return press.azimuth_rad
         placed = next(lamp for lamp in self.state.placed if (lamp.lamp, lamp.end) == target)
         x, y, _ = placed.position_m
         return math.atan2(y, x)
 
     def _clear_presses(self) -> None:
         self.is_aligning = False
+        self._forget_pending()
         self._change(
             presses=(),
             repeated=(),
+            dropped=(),
+            is_short_walk=False,
+            met=(),
+            aside=(),
+            zero=0,
             left_out={},
             place=FIRST,
             has_one_place=False,
@@ -538,8 +621,7 @@ class SetupProgress:
         )
 
     def _leave_out(self, reasons: dict[str, str]) -> None:
-        presses = tuple(press for press in self.state.presses if press.lamp not in reasons)
-        self._change(left_out=self.state.left_out | reasons, presses=presses)
+        self._change(left_out=self.state.left_out | reasons)
 
     def _pressed_targets(self, place: str) -> set[tuple[str, End]]:
         return {(press.lamp, press.end) for press in self.state.presses if press.place == place}
@@ -550,21 +632,3 @@ class SetupProgress:
 
     def _change(self, **values: object) -> None:
         self.state = self.state.model_copy(update=values)
-
-
-def target_key(lamp: str, end: End) -> str:
-    """Return the name of a lamp or of an end of a strip in the fit."""
-    return f"{lamp}|{end}"
-
-
-def _target_of(press: LampPress) -> tuple[str, End]:
-    return press.lamp, press.end
-
-
-def _direction(press: LampPress) -> Vec3:
-    level = math.cos(press.elevation_rad)
-    return (
-        level * math.cos(press.azimuth_rad),
-        level * math.sin(press.azimuth_rad),
-        math.sin(press.elevation_rad),
-    )

@@ -7,34 +7,37 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
 from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHomeAssistantError
-from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.home_address import HomeAddress
-from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of, sigmas_of
+from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of
+from pointit.bridges.home_assistant.setup.home_kind import kind_of
 from pointit.bridges.home_assistant.setup.listed_lamps import (
     fitting_lamps,
     listable_entities,
     unlisted_note,
 )
-from pointit.bridges.home_assistant.setup.lit_lights import NO_STATE, LitLights, LitLightsFile
-from pointit.bridges.home_assistant.setup.progress import AGAIN, ChosenLamp, End, SetupProgress
+from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
+from pointit.bridges.home_assistant.setup.next_step import MAX_TEXT, NextStep, next_step, places_to_repeat
+from pointit.bridges.home_assistant.setup.press_rays import NoMovementError, PressRays
+from pointit.bridges.home_assistant.setup.progress import AWAY_RAD, SetupProgress
+from pointit.bridges.home_assistant.setup.shown_lamps import shown_lamps
+from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp, End
+from pointit.bridges.home_assistant.setup.turn_light import TurnLight
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.maps.file import parse_map_file
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.errors import PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.runtime.service.person_messages import PersonMessages
 from pointit.schemas import ButtonEvent, HomeLamp, HomeSetup, ImuSample, PointingRay, SetUpHome
 from pointit.schemas.base import MAX_ID
-from pointit.schemas.home import LAMP, STRIP
+from pointit.schemas.home import LAMP, MAX_SENTENCE, STRIP
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import BUTTON, IMU, RAY
 
@@ -44,24 +47,16 @@ ANSWERED_S = 5.0
 """Time since the last request of a card after which no lamp shows its turn, s: the page is closed."""
 SHOWN_S = 2.5
 """Time for which a lamp shows which one it is, s."""
-BLINK_S = 1.0
-"""Time for which a lamp that is on is brighter, and then is not, s."""
 TICK_S = 0.25
-NO_REPORT_S = 4.0
-"""Time at its turn after which a lamp that has reported no state is lit without, s."""
-FOLLOW_S = 5.0
-"""Time for a lamp to report that it is lit, s."""
-PRESS_RAYS_S = 0.5
-"""Time before a press of which the rays are averaged, s."""
-MIN_RAYS = 3
 MIN_PAUSE_S = 0.4
 """Time between two presses that count, s."""
-AWAY_RAD = math.radians(12.0)
-"""Angle from the direction of the last press from which a person points elsewhere."""
 ENTITIES_PERIOD_S = 5.0
 """Interval at which the list of all entities is read again while a card shows it, s."""
-MAX_SENTENCE = 500
 MAX_ADVICE = 20
+
+
+class WaitingError(RefusedError):
+    """The home does not answer, so that an act has to wait."""
 
 
 class SetupSession:
@@ -94,7 +89,6 @@ class SetupSession:
         self._bus = bus
         self._loop = asyncio.get_running_loop()
         self._state_of = state_of
-        self._wake = wake
 
         # Cards
         self._connection: HomeConnection | None = None
@@ -104,7 +98,9 @@ class SetupSession:
         self._acting = asyncio.Lock()
         self._tasks = set[asyncio.Task[None]]()
         # Presses, and the lamp whose turn it is
-        self._rays: deque[tuple[float, PointingRay]] = deque(maxlen=100)
+        self._rays = PressRays()
+        self._is_motion_missing = False
+        """The problem is that no movement arrives."""
         self._pressed_s = -math.inf
         self._press_direction: Vec3 | None = None
         """Direction of the last press, {H}, until the person points elsewhere."""
@@ -113,26 +109,27 @@ class SetupSession:
         self._answered_s = -math.inf
         self._shown = ("", -math.inf)
         """Lamp that shows which one it is, and until when."""
-        self._spot = ""
-        """Entity of the lamp that is to be lit."""
-        self._silent_s = -math.inf
-        """Time since which it is to be lit on this connection, and has had no state."""
-        self._ended_s: dict[str, float] = {}
-        """Time at which the turn of a lit lamp was over."""
         file = site_folder(bus.site, "home-assistant") / "lit_lights.json"
         self._lit = LitLights(StateFile[LitLightsFile].at(file, LitLightsFile))
+        self._turn_light = TurnLight(self._lit, bus, state_of=state_of, wake=wake, wanted=self._wanted_light)
 
         # A home that is not set up is reported from the start
         bus.subscribe(RAY, self._on_ray)
         bus.subscribe(IMU, self._on_imu)
         bus.subscribe(BUTTON, self._on_button)
         self._report_progress()
+        self._messages = PersonMessages(bus, "home-assistant")
+        self._reacted = ""
+        """Lamp that reacted last to the person."""
+        self._guided = ""
+        """Person who is led."""
+        self._bus.call_later(TICK_S, self._keep_guiding)
 
     @property
     def entities(self) -> set[str]:
         """Return the entities whose states matter here."""
         chosen = {lamp.id for lamp in self.progress.state.lamps}
-        lit = {self._spot, *self._lit.entities} - {""}
+        lit = {self._turn_light.lamp, *self._lit.entities} - {""}
         return chosen | lit
 
     @property
@@ -141,13 +138,43 @@ class SetupSession:
         return self._connection is not None and self.progress.state.trial is None
 
     @property
+    def _is_waiting(self) -> bool:
+        """Return True if the home, which has lamps whose turn it may be, does not answer."""
+        state = self.progress.state
+        if not self.address.url or self._is_connected or state.step not in ("place", "try"):
+            return False
+        return not all(_is_of_map(lamp.id) for lamp in state.lamps)
+
+    @property
+    def _next_step(self) -> NextStep | None:
+        """Return the next step of the person, or None."""
+        target = self.progress.target
+        lamp = "" if target is None else target[0]
+        return next_step(
+            self.progress,
+            is_lit=bool(lamp) and self._is_lit(lamp),
+            goes_off=bool(lamp) and self._lit.was_unknown(lamp),
+            is_waiting=self._is_waiting,
+        )
+
+    def _keep_guiding(self) -> None:
+        self._guide()
+        self._bus.call_later(TICK_S, self._keep_guiding)
+
+    def _guide(self) -> None:
+        """Tell the person their next step: phone, panel and headset show it as the card does."""
+        step = self._next_step
+        user = self.progress.state.user if step is not None else ""
+        if self._guided and self._guided != user:
+            self._messages.end_guidance(self._guided)
+        self._guided = user
+        if step is not None and user:
+            self._messages.guide(user, step.text, step.choices)
+
+    @property
     def hovered(self) -> set[str]:
         """Return the lamp that is brighter now because it is its turn."""
-        spot = self._spot
-        if not spot or spot in self._lit.entities:
-            return set()
-        is_brighter = int(self._loop.time() / BLINK_S) % 2 == 0
-        return {spot} if is_brighter else set()
+        return self._turn_light.hovered
 
     # Requests of cards.
 
@@ -155,12 +182,26 @@ class SetupSession:
         """Do what a person wants at the cards, and return what they show. Raises PointItError."""
         self._answered_s = self._loop.time()
         async with self._acting:
-            if query.act != "read":
-                self._problem = ""
-                await self._perform_act(query)
-                await self._store_progress()
+            if query.act != "read" or query.choice:
+                await self._act_once(query)
             await self._read_entities()
             return await self._make_reply(connection_problem)
+
+    async def _act_once(self, query: SetUpHome) -> None:
+        """Do one act. Its refusal is the problem that cards show until the next act. Raises PointItError."""
+        if query.user and query.act != "hand" and query.user != self.progress.state.user:
+            raise RefusedError(f"{query.user} does not set up this home now")
+        self._problem = ""
+        try:
+            await self._perform_act(query)
+            await self._store_progress()
+        except WaitingError:  # the next step says it, as long as it is so
+            raise
+        except PointItError as error:
+            self._problem = str(error)
+            raise
+        finally:
+            self._guide()
 
     async def _perform_act(self, query: SetUpHome) -> None:
         """Do one act. Raises PointItError."""
@@ -173,9 +214,14 @@ class SetupSession:
             "skip": progress.skip,
             "align": progress.start_aligning,
             "finish": progress.finish,
+            "beside": progress.confirm,
+            "mistaken": progress.replace_beside,
         }
-        if query.act in without_values:
-            without_values[query.act]()
+        name = query.choice or query.act
+        if name in without_values:
+            without_values[name]()
+        elif query.choice:
+            self._correct_lamps(query)
 
         # The others have values of their own
         elif query.act in ("connect", "without"):
@@ -191,6 +237,18 @@ class SetupSession:
             progress.stand(query.place)
         elif query.act == "go":
             progress.go(query.step or progress.state.step)
+
+    def _correct_lamps(self, query: SetUpHome) -> None:
+        """Do an act on lamps that are placed. Raises RefusedError."""
+        progress = self.progress
+        if query.choice == "exchange":
+            progress.exchange(query.lamps)
+        elif query.choice == "met":
+            progress.meet(query.lamps[0] if query.lamps else "")
+        elif query.choice == "other":
+            self._correct_tried()
+        elif query.choice == "repeat":
+            progress.repeat(_only_lamp(query), query.place)
 
     def _set_address(self, query: SetUpHome) -> None:
         if query.act == "connect":
@@ -208,6 +266,21 @@ class SetupSession:
                 raise RefusedError(f"there is no {name} any more: choose again")
         chosen = [offered[name] for name in dict.fromkeys(names)]
         self.progress.choose(chosen, tuple(offered))
+
+    def _correct_tried(self) -> None:
+        """Exchange the lamp that is tried with the one that reacted, or have it pointed at again."""
+        progress = self.progress
+        tried = progress.tried_lamp
+        reacted = self._reacted if self._reacted in {lamp.lamp for lamp in progress.state.placed} else ""
+        progress.correct(reacted)
+        if reacted and reacted != tried:
+            names = f"{progress.label_of(tried)} and {progress.label_of(reacted)}"
+            self._messages.tell(progress.state.user, one_line(f"{names} are exchanged.", MAX_TEXT))
+
+    def on_act(self, user: str, entity: str) -> None:
+        """Note that a lamp reacts to `user`."""
+        if user == self.progress.state.user:
+            self._reacted = entity
 
     def _report_progress(self) -> None:
         """Report a home that is not set up yet: `pointit doctor` and the page show it."""
@@ -252,7 +325,7 @@ class SetupSession:
         for entity in listable_entities(self._entities):
             label = one_line(entity.name, MAX_ID)
             area = one_line(entity.area, MAX_ID)
-            lamps.append(ChosenLamp(id=entity.entity, label=label, area=area))
+            lamps.append(ChosenLamp(id=entity.entity, label=label, area=area, kind=kind_of(entity)))
         content = await asyncio.to_thread(self.files.read_map)
         return lamps + lights_of(parse_map_file(content, self.files.map))
 
@@ -317,7 +390,7 @@ class SetupSession:
         if target is not None:
             name, end = target
             is_aligning = progress.is_aligning
-            is_lit = self._can_be_lit(name)
+            is_lit = self._is_lit(name)
             goes_off = self._lit.was_unknown(name)
 
         # While lamps are placed, the page shows the draft: the map without its things.
@@ -326,6 +399,7 @@ class SetupSession:
         if is_placing and self.files.draft.exists():
             map_file = self.files.draft
 
+        step = self._next_step
         pose_m: tuple[float, float] | None = None
         pose_yaw_rad = 0.0
         if progress.pose is not None:
@@ -357,9 +431,16 @@ class SetupSession:
             pose_m=pose_m,
             pose_yaw_rad=pose_yaw_rad,
             advice=shown_advice,
+            next_step="" if step is None else step.text,
+            choices=() if step is None else step.choices,
+            tried=progress.tried_lamp,
+            beside=progress.beside,
+            is_short_walk=state.is_short_walk,
+            is_waiting=self._is_waiting,
+            may_repeat=places_to_repeat(state),
         )
 
-    async def _shown_lamps(self) -> list[HomeLamp]:
+    async def _shown_lamps(self) -> tuple[HomeLamp, ...]:
         """Return the lamps of the present card."""
         progress = self.progress
         state = progress.state
@@ -372,59 +453,32 @@ class SetupSession:
                 offered.setdefault(name, lamp)  # one that is missing for a moment stays in the list
             listed = list(offered.values())
 
-        # The states that are followed are newer than those of the list of entities
-        listed_states = {entity.entity: entity.state for entity in self._entities}
-        sigmas = sigmas_of(state.placed)
-        lamp_again = ""
-        if progress.target is not None and progress.is_again:
-            lamp_again = progress.target[0]
-        lamps: list[HomeLamp] = []
-        for lamp in listed:
-            pressed_from = {press.place for press in state.presses if press.lamp == lamp.id}
-            reason = state.left_out.get(lamp.id, "") or progress.reasons.get(lamp.id, "")
-            if not reason and lamp.id == lamp_again:
-                reason = AGAIN
-            listed_state = listed_states.get(lamp.id, "")
-            text = str(self._state_of(lamp.id).get("state", listed_state))
-            lamps.append(
-                HomeLamp(
-                    id=lamp.id,
-                    label=lamp.label,
-                    area=lamp.area,
-                    state=one_line(text, MAX_ID),
-                    is_chosen=lamp.id in chosen,
-                    is_new=bool(state.offered) and lamp.id not in state.offered,
-                    is_placed=lamp.id in sigmas,
-                    places=len(pressed_from),
-                    direction_sigma_rad=sigmas.get(lamp.id),
-                    reason=reason,
-                )
-            )
-        return lamps
+        return shown_lamps(progress, listed, self._entities, self._state_of)
 
     # Presses.
 
     def _process_press(self) -> None:
         """Note a press with the rays before it. Raises RefusedError."""
         now_s = self._loop.time()
-        rays = [ray for received_s, ray in self._rays if now_s - received_s <= PRESS_RAYS_S]
-        user = self.progress.state.user
-        if len(rays) < MIN_RAYS:
-            raise RefusedError(
-                f"no movement of {user} arrives: keep the phone's page open and allow its motion sensors, or "
-                "switch the wristband on"
-            )
+        if self._is_waiting:
+            raise WaitingError("your home does not answer: wait until it does")
+        try:
+            direction = self._rays.direction_at(now_s, self.progress.state.user)
+        except NoMovementError:
+            self._is_motion_missing = True
+            raise
         if now_s - self._pressed_s < MIN_PAUSE_S:
             return
         self._pressed_s = now_s
-
-        # A hand shakes: its mean direction, and the eyes of the newest ray
-        x, y, z = np.mean([ray.direction for ray in rays], axis=0).tolist()
-        azimuth_rad = math.atan2(y, x)
-        elevation_rad = math.atan2(z, math.hypot(x, y))
-        eyes_m = rays[-1].origin_m[2]
-        self.progress.press(azimuth_rad, elevation_rad, eyes_m)
-        self._press_direction = (x, y, z)
+        self.progress.press(
+            direction.azimuth_rad, direction.elevation_rad, direction.eyes_m, direction.spread_rad
+        )
+        level = math.cos(direction.elevation_rad)
+        self._press_direction = (
+            level * math.cos(direction.azimuth_rad),
+            level * math.sin(direction.azimuth_rad),
+            math.sin(direction.elevation_rad),
+        )
 
     def refusal(self, user: str) -> str:
         """Return the reason for which an act of `user` is not carried out now, or `""`.
@@ -443,8 +497,12 @@ class SetupSession:
             try:
                 self._process_press()
                 await self._store_progress()
+            except WaitingError:
+                pass  # the next step says it, as long as it is so
             except PointItError as error:
                 self._problem = str(error)
+                self._messages.tell(self.progress.state.user, one_line(str(error), MAX_TEXT))
+            self._guide()
 
     def _on_button(self, _event: ButtonEvent, user: str) -> None:
         progress = self.progress
@@ -457,7 +515,11 @@ class SetupSession:
     def _on_ray(self, ray: PointingRay, user: str) -> None:
         if user != self.progress.state.user:
             return
-        self._rays.append((self._loop.time(), ray))
+        self._rays.add(self._loop.time(), ray)
+        if self._is_motion_missing:
+            self._is_motion_missing = False
+            self._problem = ""
+        self.progress.on_arm(ray.direction)
         pressed = self._press_direction
         if pressed is not None and vector.angle_between(pressed, ray.direction) > AWAY_RAD:
             self._press_direction = None
@@ -477,10 +539,10 @@ class SetupSession:
         """
         self._connection = connection
         self._entities_s = -math.inf
-        self._spot = ""
+        self._turn_light.begin()
         try:
             while not self.address_changed.is_set():
-                await self._light_spot(connection)
+                await self._turn_light.update(connection)
                 await asyncio.sleep(TICK_S)
         finally:
             self._connection = None
@@ -524,64 +586,33 @@ class SetupSession:
         """Note a change of the state of an entity."""
         self._lit.on_state(entity, state)
 
-    def _can_be_lit(self, lamp: str) -> bool:
+    def _is_lit(self, lamp: str) -> bool:
+        """Return True if a lamp shows its turn by its light: not while its home does not answer."""
         if _is_of_map(lamp):
             return True
+        if not self._is_connected:
+            return False
         state = self._state_of(lamp).get("state")
         return lamp.startswith("light.") and state in ("on", "off")
 
-    def _wanted_spot(self) -> str:
-        now_s = self._loop.time()
+    def _wanted_light(self) -> tuple[str, bool]:
+        """Return the lamp that is to be lit, or `""`, and whether it is its turn and not only a look."""
         name, until_s = self._shown
+        now_s = self._loop.time()
         if now_s < until_s:
-            return "" if _is_of_map(name) else name
+            return ("" if _is_of_map(name) else name), False
         target = self.progress.target
         if target is None or now_s - self._answered_s > ANSWERED_S:
-            return ""
+            return "", True
         lamp, _ = target
-        return "" if _is_of_map(lamp) else lamp
+        return ("" if _is_of_map(lamp) else lamp), True
 
-    async def _light_spot(self, connection: HomeConnection) -> None:
-        """Light the lamp whose turn it is, and end the light of those whose turn is over."""
-        now_s = self._loop.time()
-        previous_spot = self._spot
-        self._spot = self._wanted_spot()
-        state = self._state_of(self._spot)
-        if self._spot != previous_spot or state.get("state") != NO_STATE:
-            self._silent_s = now_s
 
-        # Without a state it cannot be restored: not for a look at the list, nor while it may still report
-        is_turn = now_s >= self._shown[1]
-        may_be_unknown = is_turn and now_s - self._silent_s >= NO_REPORT_S
-        for entity in {previous_spot, self._spot} - {""}:
-            self._wake(entity)
-        try:
-            if self._spot:
-                call = self._lit.begin(self._spot, state, may_be_unknown=may_be_unknown)
-                if call is not None:
-                    context = UNKNOWN
-                    with contextlib.suppress(RefusedError, TimeoutError):
-                        context = await connection.call(call)
-                    self._lit.on_result(call.entity, context)
-            for entity in self._lit.entities:
-                await self._end_light(connection, entity)
-        except ConfigError as error:
-            self._bus.warn("setup", f"lamps are not lit: {error}")
-
-    async def _end_light(self, connection: HomeConnection, entity: str) -> None:
-        """Switch a lamp off again whose turn is over."""
-        if entity == self._spot:
-            self._ended_s.pop(entity, None)
-            return
-        now_s = self._loop.time()
-        ended_s = self._ended_s.setdefault(entity, now_s)
-        call = self._lit.end(entity, self._state_of(entity), is_late=now_s - ended_s > FOLLOW_S)
-        if call is not None:
-            with contextlib.suppress(RefusedError, TimeoutError):
-                await connection.call(call)
-                self._lit.on_ended(entity, self._state_of(entity))
-        if entity not in self._lit.entities:
-            self._ended_s.pop(entity, None)
+def _only_lamp(query: SetUpHome) -> str:
+    """Return the lamp of an act. Raises RefusedError: there is none."""
+    if not query.lamps:
+        raise RefusedError("say which lamp")
+    return query.lamps[0]
 
 
 def _is_of_map(lamp: str) -> bool:

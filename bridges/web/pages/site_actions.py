@@ -8,6 +8,7 @@
   `devices/devices.py`; their parameters are in `devices/wire.py`.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
   fields of `Floor` in `model/separability.py`.
+- `choose_act`: what a person, who is named, has chosen at the set-up that leads them, `{"choice": "walk"}`.
 - `set_up_home`: an act at the cards of `pointit home`, a `SetUpHome`, and a `token` of Home Assistant,
   which is stored and goes nowhere else; the reply has the fields of `HomeSetup`, see `model/home_site.py`.
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
@@ -16,7 +17,7 @@ No core: it waits for devices and files.
 """
 
 import time
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, SecretStr
 
@@ -24,6 +25,7 @@ from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
 from pointit.bridges.web.pages.action import (
     CONTROL,
     LOOK,
+    WRIST,
     Action,
     ActionContext,
     ActionParameters,
@@ -113,6 +115,19 @@ async def _set_up_home(context: ActionContext, _: PageSender, act: SetUp) -> Jso
     return await context.home.set_up(act.query, act.token, strips)
 
 
+class ChooseAct(ActionParameters):
+    """Choice of a person at the set-up that leads them: an act without values."""
+
+    choice: Literal["walk", "stay", "take_back", "skip", "beside", "mistaken", "met", "other", "finish"]
+
+
+async def _choose_act(context: ActionContext, sender: PageSender, chosen: ChooseAct) -> JsonObject:
+    strips = dict(context.devices.strips)
+    act = SetUpHome(choice=chosen.choice, user=sender.user)
+    await context.home.set_up(act, None, strips)
+    return {"message": ""}
+
+
 async def _read_floor(context: ActionContext, _: PageSender, __: NoParameters) -> JsonObject:
     return await context.separability.answer()
 
@@ -154,6 +169,7 @@ SITE_ACTIONS: tuple[Action[Any], ...] = (
     Action("show_device", "site", OneDevice, CONTROL, _show_device),
     Action("check_mounting", "site", OneDevice, CONTROL, _check_mounting),
     Action("set_up_home", "site", SetUp, CONTROL, _set_up_home),
+    Action("choose_act", "person", ChooseAct, WRIST, _choose_act),
     Action("told_apart", "site", NoParameters, LOOK, _read_floor),
     Action("read_map", "site", NoParameters, CONTROL, _read_map),
     Action("check_map", "site", MapEdits, CONTROL, _check_map),

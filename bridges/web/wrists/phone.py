@@ -254,6 +254,8 @@ class PhoneCues:
             next_step=interaction.next_step,
             press=interaction.press,
             wants_double=interaction.is_unsure,
+            is_guided=interaction.is_guided,
+            choices=interaction.choices,
         )
 
     def localization(self, localization: Localization) -> Cue | None:

@@ -4,8 +4,8 @@ from pointit.cli.common.lazy import command, group
 
 EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
-The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`
-and `things` need none: they simulate.
+The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`,
+`things` and `home` need none: they simulate.
 
 Example: pointit evaluate localization --data recordings --only-ours
 """
@@ -34,6 +34,11 @@ evaluate = group(
             "things",
             "simulated people point at things: right, wrong, unintended",
             "pointit_lab.cli.things:things",
+        ),
+        command(
+            "home",
+            "simulated people place lamps, with mistakes: are the stated sigmas true?",
+            "pointit_lab.cli.home:home",
         ),
     ),
 )

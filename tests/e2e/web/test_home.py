@@ -265,7 +265,7 @@ async def test_home_is_set_up_by_cards_and_continues_after_kills(browser: Browse
         site = await run.kill(window)
         await title(window, "Where do you point now?")
         hand = Hand(await paired_phone(browser, site), zero_rad=-0.3)
-        await place(window, hand, ["light.desk", "light.shelf"])
+        await place(window, hand, ["light.door", "light.shelf"])  # by the press after the shorter way
         await title(window, "Walk to a second place")
         await until(lambda: is_as_before(home), 20, "all lamps as before")
         await use(window, "I am there")
@@ -324,7 +324,7 @@ async def test_placing_goes_on_after_kills_at_each_place(browser: Browser, run: 
         site = await run.kill(window)
         await title(window, "Where do you point now?")
         hand = Hand(await paired_phone(browser, site), zero_rad=-0.3)
-        await place(window, hand, ["light.desk"])
+        await place(window, hand, ["light.door"])
         await title(window, "Walk to a second place")
         await use(window, "I am there")
         hand.place_m = SECOND_M

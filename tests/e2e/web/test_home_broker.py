@@ -58,7 +58,7 @@ async def test_lamps_of_a_broker_are_set_up_and_switched_by_pointing(
             site = await run.start()
             window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
             await title(window, "Where are your lamps?")
-            await use(window, "Lamps on an MQTT broker")
+            await window.page.get_by_label("MQTT broker").press("Space")
             url = window.page.get_by_label("Address of the broker")
             await expect(url).to_be_focused()
             await url.fill(f"mqtt://{USER}@127.0.0.1:{port}")

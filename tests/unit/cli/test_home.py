@@ -8,7 +8,7 @@ import yaml
 from click.testing import CliRunner
 
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles
-from pointit.bridges.home_assistant.setup.progress import ChosenLamp, StoredSetup
+from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp, StoredSetup
 from pointit.cli import home
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy

@@ -13,7 +13,7 @@ from pointit.bridges.home_assistant.setup.home_files import (
     placed_map,
     with_home_assistant,
 )
-from pointit.bridges.home_assistant.setup.progress import ChosenLamp, PlacedLamp, StoredSetup
+from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp, PlacedLamp, StoredSetup
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError, RefusedError
 

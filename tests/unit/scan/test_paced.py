@@ -9,8 +9,8 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
-from pointit.scan.by_pointing import TargetRay
-from pointit.scan.paced import FIRST, SECOND, USUAL_M, PacedRoom, locate_paced, paced_ray
+from pointit.scan.paced import locate_paced
+from pointit.scan.paced_model import FIRST, SECOND, USUAL_M, PacedRay, PacedRoom, paced_ray
 
 EYES_M = 1.6
 SECOND_M = (0.2, 2.1)
@@ -28,7 +28,7 @@ def angles(lamp: Vec3, place_m: tuple[float, float]) -> tuple[float, float]:
     return math.atan2(y, x), math.atan2(z, math.hypot(x, y))
 
 
-def press(name: str, place: str, azimuth: float, elevation: float, reach: float | None = None) -> TargetRay:
+def press(name: str, place: str, azimuth: float, elevation: float, reach: float | None = None) -> PacedRay:
     """Return a press in the direction of two angles."""
     level = math.cos(elevation)
     direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
@@ -41,9 +41,9 @@ def presses(
     azimuth_bias: float = 0.0,
     elevation_bias: float = 0.0,
     at_second: Mapping[str, str] = {},
-) -> list[TargetRay]:
+) -> list[PacedRay]:
     """Return a press at each lamp from both places; `at_second`: lamps that are mistaken there."""
-    rays: list[TargetRay] = []
+    rays: list[PacedRay] = []
     for place, place_m in ((FIRST, (0.0, 0.0)), (SECOND, SECOND_M)):
         for name in LAMPS:
             seen = at_second.get(name, name) if place == SECOND else name
@@ -109,7 +109,7 @@ def test_one_wrong_press_is_named_and_no_other_lamp() -> None:
 
 
 def test_press_after_a_short_way_counts_more() -> None:
-    rays: list[TargetRay] = []
+    rays: list[PacedRay] = []
     for ray in presses():
         if ray.place == FIRST:
             azimuth, elevation = angles(LAMPS[ray.target], (0.0, 0.0))

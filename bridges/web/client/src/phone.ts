@@ -165,8 +165,13 @@ class Wrist {
       this.rate.tick(now);
   }
 
+  private choose(choice: string): void {
+    navigator.vibrate?.(25);
+    this.ask("choose_act", "choice", { choice });
+  }
+
   private ask(
-    deed: "press" | "step" | "take" | "give" | "centre" | "speak" | "report_voice",
+    deed: "choose_act" | "press" | "step" | "take" | "give" | "centre" | "speak" | "report_voice",
     what: string,
     query: Record<string, unknown> = {},
   ): void {
@@ -235,11 +240,16 @@ class Wrist {
 
   private show(): void {
     const { screen, cue, stage } = this;
+    // A set-up finds the zero of the phone by lamps
+    if (stage === "centre" && cue?.is_guided) return this.enter("button");
     const state = cue?.state ?? "";
     screen.mark("state", state);
     screen.write("state", stage === "centre" ? "First" : stateWords(state));
     const next = stage === "centre" ? CENTRE : this.shown(cue?.next_step ?? "");
     screen.next(next, stage === "button" ? (cue?.progress ?? null) : null);
+    const isGuided = stage === "button" && (cue?.is_guided ?? false);
+    screen.offer(isGuided ? (cue?.choices ?? []) : [], (id) => this.choose(id));
+    for (const id of ["centre", "place", "let-go"] as const) screen.show(id, stage === "button" && !isGuided);
     screen.write("big-name", stage === "centre" ? "Centre" : "Press");
     screen.write(
       "big-note",

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.bridges.home_assistant.setup.progress import ChosenLamp, SetupProgress
+from pointit.bridges.home_assistant.setup.progress import SetupProgress
+from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp
 from pointit.geometry.vector import Vec3
 from pointit.services.user_sim.body import OpenLoopError
 from pointit.services.user_sim.config import AimConfig, DecisionConfig, WristbandConfig

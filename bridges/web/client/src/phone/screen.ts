@@ -1,5 +1,7 @@
 /** The phone's page as it is seen: before it starts, asking to point ahead, and as the person's button. */
 
+import type { StepChoice } from "../wire";
+
 /** What fills the screen. */
 export type Stage = "before" | "centre" | "button" | "over";
 
@@ -15,6 +17,7 @@ const IDS = [
   "next",
   "progress",
   "said",
+  "choices",
   "big",
   "big-name",
   "big-note",
@@ -29,6 +32,7 @@ type Id = (typeof IDS)[number];
 export class Screen {
   private readonly parts: Record<Id, HTMLElement>;
   private readonly texts = new Map<Id, string>();
+  private offered = "";
   private saidUntil: ReturnType<typeof setTimeout> | undefined;
 
   constructor() {
@@ -81,6 +85,22 @@ export class Screen {
     const progress = this.parts.progress as HTMLProgressElement;
     progress.hidden = share === null;
     progress.value = share ?? 0;
+  }
+
+  /** The choices of the next step, as buttons; the first one is the usual one. */
+  offer(choices: readonly StepChoice[], choose: (id: string) => void): void {
+    const shown = JSON.stringify(choices);
+    if (this.offered === shown) return;
+    this.offered = shown;
+    const buttons = choices.map(({ id, label }) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = label;
+      button.addEventListener("click", () => choose(id));
+      return button;
+    });
+    this.parts.choices.replaceChildren(...buttons);
+    this.show("choices", choices.length > 0);
   }
 
   /** Say something for as long as it takes to be read. */

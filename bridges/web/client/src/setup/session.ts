@@ -33,7 +33,7 @@ export class SetupSession {
   homes: readonly Home[] = [];
   lights: readonly FoundDevice[] = [];
   private isActing = false;
-  /** Reason why the last act was not done, or "". */
+  /** Reason why the last act was not done, or "": until the server has told its state, which has it as well. */
   private refusal = "";
   private isSilent = false;
   private restTimer = 0;
@@ -73,6 +73,11 @@ export class SetupSession {
     const isDone = await this.ask(act, true);
     this.isActing = false;
     return isDone;
+  }
+
+  /** Do one of the choices of the next step. They are acts. */
+  choose(id: string): Promise<boolean> {
+    return this.act({ choice: id as SetUpHome["choice"] });
   }
 
   /** Say why something was not done, until the next act. */
@@ -146,6 +151,7 @@ export class SetupSession {
   private take(setup: HomeSetup): void {
     const before = this.card;
     this.setup = setup;
+    if (!this.isActing) this.refusal = "";
     // Without the zero of the device nobody can point
     if (this.card === "align" && before !== "align") this.isPutAside = false;
     this.changed();

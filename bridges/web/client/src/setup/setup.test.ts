@@ -8,11 +8,13 @@ import {
   cardOf,
   countOf,
   handText,
+  addressOf,
+  homeKindOf,
   isBroker,
+  isFound,
   lampText,
-  placingText,
   profileOf,
-  progressText,
+  repeatText,
   sentence,
   stateText,
   stepBefore,
@@ -28,6 +30,9 @@ const lamp = (id: string, fields: Partial<HomeLamp> = {}): HomeLamp => ({
   is_placed: false,
   places: 0,
   direction_sigma_rad: null,
+  quality: "",
+  kind: "lamp",
+  is_met: false,
   reason: "",
   ...fields,
 });
@@ -54,6 +59,13 @@ const setup = (fields: Partial<HomeSetup> = {}): HomeSetup => ({
   pose_m: null,
   pose_yaw_rad: 0,
   advice: [],
+  next_step: "",
+  choices: [],
+  tried: "",
+  beside: "",
+  is_short_walk: false,
+  is_waiting: false,
+  may_repeat: [],
   message: "",
   ...fields,
 });
@@ -68,35 +80,32 @@ test("card follows the step, the walk and the alignment", () => {
   assert.equal(stepBefore(setup({ step: "connect" })), null);
 });
 
-test("text of the turn names the lamp, its end and the reason of a repetition", () => {
-  assert.match(placingText(setup()), /^Stand where you will point from most\. Point at A, which is lit, /);
-  assert.match(
-    placingText(setup({ end: "last", is_lit: false })),
-    /Point at the end of A, with a straight arm/,
-  );
-  assert.match(
-    placingText(setup({ lamps: [lamp("a", { reason: "was it another lamp?" })] })),
-    /Once more: was it another lamp\?$/,
-  );
-  assert.match(placingText(setup({ goes_off: true })), /so it is switched off afterwards\.$/);
-  assert.match(
-    placingText(setup({ is_aligning: true, place: "B" })),
-    /^Stand at your second place\. Point at A/,
-  );
-});
-
-test("progress counts the lamps of this place", () => {
+test("summary counts the lamps of this place", () => {
   const lamps = [lamp("a", { places: 2 }), lamp("b", { places: 1 })];
-  assert.equal(progressText(setup({ lamps })), "2 of 2 from your first place");
-  assert.equal(progressText(setup({ lamps, place: "B" })), "1 of 2 from your second place");
+  assert.equal(repeatText(setup({ lamps })), "2 of 2 from your first place. One again?");
+  assert.equal(repeatText(setup({ lamps, place: "B" })), "1 of 2 from your second place. One again?");
 });
 
-test("lamp says how well it is known, or why it is not placed", () => {
-  assert.equal(
-    lampText(lamp("a", { is_placed: true, direction_sigma_rad: 0.035 })),
-    "A: direction known to 2°",
-  );
-  assert.equal(lampText(lamp("a", { reason: "you left it out" })), "A: not placed, you left it out");
+test("lamp says how well it is known in words, or why it is not placed", () => {
+  assert.equal(lampText(lamp("a", { is_placed: true, quality: "good" })), "A: good");
+  assert.equal(lampText(lamp("a", { is_placed: true, quality: "again" })), "A: not sure, point at it again");
+  assert.equal(lampText(lamp("a", { reason: "you left it out" })), "A: you left it out");
+});
+
+test("address of a broker is recognised in any card, and gets its scheme", () => {
+  assert.equal(homeKindOf("192.168.77.1:1883"), "broker");
+  assert.equal(homeKindOf("192.168.77.1"), "");
+  assert.equal(addressOf("192.168.77.1", "broker"), "mqtt://192.168.77.1");
+  assert.equal(addressOf("http://192.168.77.1:1883", "broker"), "mqtt://192.168.77.1:1883");
+  assert.equal(addressOf("mqtts://anna@hub", "broker"), "mqtts://anna@hub");
+  assert.equal(addressOf(" 192.168.77.1 ", "home"), "192.168.77.1");
+});
+
+test("search finds lamps by words of their name and area", () => {
+  const shelf = lamp("a", { label: "Shelf lamp", area: "Living room" });
+  assert.ok(isFound(shelf, "living shelf"));
+  assert.ok(isFound(shelf, ""));
+  assert.ok(!isFound(shelf, "kitchen"));
 });
 
 test("lamps without an area come last", () => {

@@ -11,18 +11,25 @@ import type { CardProps } from "./cards/card";
 import { ChooseCard } from "./cards/choose";
 import { ConnectCard } from "./cards/connect";
 import { HandCard } from "./cards/hand";
-import { AlignCard, PlaceCard, WalkCard } from "./cards/placing";
+import { TurnCard, WalkCard } from "./cards/placing";
 import { TryCard } from "./cards/try";
+import { thingTiles } from "../site/things";
+import { nextStepOf } from "../words";
+import { HomeView, type HomePointing } from "./home_view";
 import { SetupSession } from "./session";
 import type { Card } from "./setup_words";
 
+/** User in the events of a switch that nobody pointed at, as of `pointit things try`. */
+const OPERATOR = "operator";
+/** Key of the browser's session under which the page of a site is shown in place of the home. */
+const ADVANCED = "pointit-advanced";
 const AGAIN = "Home in Set up opens each card again.";
 const CARDS: Record<Exclude<Card, "">, FunctionComponent<CardProps>> = {
   connect: ConnectCard,
   choose: ChooseCard,
   hand: HandCard,
-  align: AlignCard,
-  place: PlaceCard,
+  align: TurnCard,
+  place: TurnCard,
   walk: WalkCard,
   try: TryCard,
 };
@@ -34,6 +41,19 @@ export class SetupCards {
     "aria-labelledby": "setup-title",
     hidden: true,
   });
+  /** The home, once it is set up: it lies over the page. */
+  private readonly home = el("section", {
+    className: "home-view",
+    "aria-labelledby": "home-title",
+    hidden: true,
+  });
+  /** The page of a site is shown in place of the home. */
+  private isAdvanced = sessionStorage.getItem(ADVANCED) !== null;
+  private readonly backHome = el(
+    "button",
+    { type: "button", className: "home-back", hidden: true, onclick: () => this.showAdvanced(false) },
+    "Home",
+  );
   private isThere = true;
   private isDue = false;
   /** Control that opened the card: the focus returns to it. */
@@ -45,6 +65,7 @@ export class SetupCards {
     private readonly panel: Panel,
   ) {
     document.querySelector("main")!.append(this.element);
+    document.body.append(this.home, this.backHome);
     addEventListener("keydown", (event) => this.onKey(event), true);
     addEventListener("keyup", (event) => this.keepSpace(event), true);
     this.session = new SetupSession(controls, () => this.wake());
@@ -98,9 +119,59 @@ export class SetupCards {
         element,
       );
     } else render(null, element);
+    this.drawHome(isShown);
     if (!hadFocus) return;
     if (!isShown) this.returnFocus();
     else if (!element.contains(document.activeElement)) this.focusTitle(); // its control has gone
+  }
+
+  /** Draw the home, or hide it: while a card is open, before it is set up, and while the page is shown. */
+  private drawHome(hasCard: boolean): void {
+    const { controls, session } = this;
+    const { setup } = session;
+    const isReady = this.isThere && setup?.step === "done" && !hasCard;
+    const isHome = isReady && !this.isAdvanced;
+    const wasHidden = this.home.hidden;
+    show(this.home, isHome);
+    show(this.backHome, isReady && this.isAdvanced);
+    document.body.classList.toggle("is-home", isHome);
+    if (!isHome || !setup) return;
+    render(
+      <HomeView
+        lamps={setup.lamps}
+        things={thingTiles(controls.site)}
+        pointing={this.pointing()}
+        added={session.added}
+        switchThing={(id) =>
+          void controls.ask({ key: "selector/{user}/set_thing", name: OPERATOR, query: { thing: id } })
+        }
+        pair={() => this.pairing.open()}
+        placeAgain={() => void this.go("place")}
+        addLamps={() => void this.go("choose")}
+        showAdvanced={() => this.showAdvanced(true)}
+      />,
+      this.home,
+    );
+    if (wasHidden && (document.activeElement === document.body || document.activeElement === null))
+      document.getElementById("home-title")?.focus();
+  }
+
+  /** Who points, and their next step. */
+  private pointing(): HomePointing {
+    const { controls } = this;
+    const { person } = controls;
+    if (person?.interaction?.state !== "pointing")
+      return { title: "Nobody points now", next: "Pair a phone, and point at a lamp." };
+    return { title: `${controls.user} points`, next: nextStepOf(controls.site, person) };
+  }
+
+  private showAdvanced(isAdvanced: boolean): void {
+    this.isAdvanced = isAdvanced;
+    if (isAdvanced) sessionStorage.setItem(ADVANCED, "1");
+    else sessionStorage.removeItem(ADVANCED);
+    this.draw();
+    if (isAdvanced) document.getElementById("panel")?.focus();
+    else document.getElementById("home-title")?.focus();
   }
 
   private focusTitle(): void {
@@ -121,16 +192,14 @@ export class SetupCards {
   }
 
   private async finish(): Promise<void> {
-    if (await this.session.act({ act: "finish" }))
-      this.controls.toasts.show("done", `Your home is set up. ${AGAIN}`);
+    if (await this.session.act({ act: "finish" })) this.controls.toasts.show("done", "Your home is set up.");
   }
 
-  /** Show the devices of the panel. A card that lies over them waits meanwhile. */
+  /** Show the devices of the panel. The card waits meanwhile. */
   private openDevices(): void {
+    this.later();
+    this.draw(); // the panel is there without a card only
     this.panel.open(SET_UP);
-    const panel = document.getElementById("panel")!;
-    const isOver = this.element.getBoundingClientRect().right > panel.getBoundingClientRect().left;
-    if (isOver) this.later();
     document.getElementById(LOOK_ID)?.focus();
   }
 

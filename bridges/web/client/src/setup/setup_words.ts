@@ -28,6 +28,30 @@ export function isBroker(url: string): boolean {
   return /^\s*(mqtts?|tcp|ssl|tls):\/\//i.test(url);
 }
 
+/** What a home's lamps are asked of. */
+export type HomeServer = "home" | "broker" | "none";
+
+export const HOME_KINDS = [
+  { value: "home", label: "Home Assistant", icon: "home" },
+  { value: "broker", label: "MQTT broker", icon: "wifi" },
+  { value: "none", label: "Neither", icon: "bulb" },
+];
+
+/** Usual ports of brokers, which no Home Assistant has. */
+const BROKER_PORT = /:(1883|8883)\/?$/;
+
+/** What an address belongs to by its scheme or port, or "" if it may be either. */
+export function homeKindOf(url: string): "broker" | "" {
+  return isBroker(url) || BROKER_PORT.test(url.trim()) ? "broker" : "";
+}
+
+/** The address that is tried, of what was typed for `kind`: with a scheme. */
+export function addressOf(typed: string, kind: HomeServer): string {
+  const url = typed.trim();
+  if (kind !== "broker" || !url) return url;
+  return isBroker(url) ? url : `${BROKER}${url.replace(/^[a-z]+:\/\//i, "")}`;
+}
+
 /** Address of the broker on which a search has found lamps, or which it has found. */
 export function brokerOf(address: string): string {
   return address.includes("://") ? address : `${BROKER}${address}`;
@@ -39,7 +63,7 @@ const STEPS = ["connect", "choose", "hand", "place", "try"] as const;
 export function cardOf(setup: HomeSetup): Card {
   if (setup.is_aligning) return "align";
   if (setup.step === "done") return "";
-  if (setup.step === "place") return setup.may_walk ? "walk" : "place";
+  if (setup.step === "place") return setup.may_walk || setup.is_short_walk ? "walk" : "place";
   return setup.step;
 }
 
@@ -76,24 +100,11 @@ export function profileOf(url: string): string {
   }
 }
 
-/** What there is to do at the card that places lamps, in sentences. */
-export function placingText(setup: HomeSetup): string {
-  const name = nameOf(setup, setup.target);
-  const end = setup.end ? `the ${setup.end === "first" ? "beginning" : "end"} of ${name}` : name;
-  const lit = setup.is_lit ? ", which is lit" : "";
-  const off = setup.goes_off ? " It did not say whether it was on, so it is switched off afterwards." : "";
-  if (setup.is_aligning)
-    return `Stand at your ${placeName(setup.place)}. Point at ${end}${lit}, and press.${off}`;
-  const stand = setup.place === "A" ? "Stand where you will point from most." : "Stay at your second place.";
-  const lamp = setup.lamps.find(({ id }) => id === setup.target);
-  const again = lamp?.reason ? ` Once more: ${lamp.reason}` : "";
-  return `${stand} Point at ${end}${lit}, with a straight arm, and press.${off}${again}`;
-}
-
-export function progressText(setup: HomeSetup): string {
+/** "2 of 4 lamps from your first place", the summary of those that can be pointed at once more. */
+export function repeatText(setup: HomeSetup): string {
   const needed = setup.place === "B" ? 2 : 1;
   const count = setup.lamps.filter(({ places }) => places >= needed).length;
-  return `${count} of ${setup.lamps.length} from your ${placeName(setup.place)}`;
+  return `${count} of ${setup.lamps.length} from your ${placeName(setup.place)}. One again?`;
 }
 
 /** The places as people know them: they are asked to walk from the first to the second. */
@@ -107,12 +118,6 @@ export function pressText(hand: HomeSetup["hand"]): string {
   return "To press, use the button at your wrist, or Space or the button here.";
 }
 
-/** What there is to do at the last card. */
-export function tryText(hand: HomeSetup["hand"]): string {
-  if (hand === "mouse") return "Take the arm with the mouse, and stay on a lamp: it switches.";
-  return "Point elsewhere, then at a lamp: it brightens if it is on. Stay on it, or press, and it switches.";
-}
-
 /** State of a lamp as people say it, or "": scenes and buttons have the time of their last use instead. */
 export function stateText(state: string): string {
   return /^\d/.test(state) ? "" : state;
@@ -124,10 +129,11 @@ export function sentence(text: string): string {
   return /[.!?…]$/.test(text) ? capital(text) : `${capital(text)}.`;
 }
 
-/** What the search for Home Assistants has given. */
-export function searchText(isSearching: boolean, count: number): string {
-  if (isSearching) return "Looking for Home Assistants in your network …";
-  if (count === 0) return "No Home Assistant was found in your network. Type its address.";
+/** What the search for Home Assistants, or for brokers, has given. */
+export function searchText(isSearching: boolean, count: number, kind: HomeServer): string {
+  const name = kind === "broker" ? "MQTT broker" : "Home Assistant";
+  if (isSearching) return `Looking for a ${name} in your network …`;
+  if (count === 0) return `No ${name} was found in your network. Type its address.`;
   return "Found in your network. Choose one, or type another address.";
 }
 
@@ -148,18 +154,37 @@ export function handText(
   return sentence(line?.phone || "no phone is paired yet");
 }
 
-export const WALK =
-  "Walk about two metres to your left, and look at the lamps again. From two places, pointing works in between, too.";
-export const STAY =
-  "If you always sit in one chair, stay: lamps are then taken to be 3 m away, and pointing works from that chair only.";
-
 /** Result for one lamp, in words. */
-export function lampText({ label, id, direction_sigma_rad, reason, is_placed }: HomeLamp): string {
+export function lampText({ label, id, quality, reason, is_placed }: HomeLamp): string {
   const name = label || id;
-  if (reason) return `${name}: not placed, ${reason}`;
-  if (!is_placed) return `${name}: not placed`;
-  const degrees = Math.round((Number(direction_sigma_rad ?? 0) * 180) / Math.PI);
-  return degrees ? `${name}: direction known to ${degrees}°` : name;
+  if (reason) return `${name}: ${reason}`;
+  if (!is_placed) return name;
+  return quality === "again"
+    ? `${name}: not sure, point at it again`
+    : quality
+      ? `${name}: ${quality}`
+      : name;
+}
+
+/** How many lamps have reacted when they were meant. */
+export function tryCountText(lamps: readonly HomeLamp[]): string {
+  const placed = lamps.filter(({ is_placed }) => is_placed);
+  const met = placed.filter(({ is_met }) => is_met);
+  return `${met.length} of ${placed.length} tried`;
+}
+
+/** Things that are lamps, and dangerous things, by their kind. */
+const LAMP_KINDS: readonly HomeLamp["kind"][] = ["lamp", "ceiling", "strip", "spot"];
+
+export function isLamp({ kind }: Pick<HomeLamp, "kind">): boolean {
+  return LAMP_KINDS.includes(kind);
+}
+
+/** Whether a search finds a lamp: by its name or its area. */
+export function isFound({ label, id, area }: HomeLamp, search: string): boolean {
+  const words = search.toLowerCase().split(/\s+/).filter(Boolean);
+  const text = `${label || id} ${area}`.toLowerCase();
+  return words.every((word) => text.includes(word));
 }
 
 /** Lamps by area, those without one last. */

@@ -1,87 +1,70 @@
-/** Where is each lamp? Pointing at one lamp after another, from one place or two; and the zero of a device found again. */
+/** Where is each lamp? The next step is the server's own sentence, which the phone has too, with its choices. */
 
-import type { ComponentChildren } from "preact";
 import { Button } from "../../ui/elements";
-import { LEAD, placingText, pressText, progressText, STAY, WALK } from "../setup_words";
+import { LEAD, pressText, repeatText } from "../setup_words";
 import { CardFrame, Status, type CardProps } from "./card";
+import { LampRows } from "./lamp_rows";
 
-export function PlaceCard(props: CardProps) {
+/** Point at a lamp and press: one after another, or one that finds the zero of a device again. */
+export function TurnCard(props: CardProps) {
   const { session, setup } = props;
-  return (
-    <Turn
-      {...props}
-      progress={progressText(setup)}
-      buttons={
-        <>
-          <Button name="Skip this lamp" kind="quiet" onClick={() => void session.act({ act: "skip" })} />
-          <Button
-            name="Take back"
-            kind="quiet"
-            isOff={!setup.can_take_back}
-            onClick={() => void session.act({ act: "take_back" })}
-          />
-        </>
-      }
-    />
-  );
-}
-
-export function AlignCard(props: CardProps) {
-  const { session, setup } = props;
-  const skip = <Button name="Skip" kind="quiet" onClick={() => void session.act({ act: "skip" })} />;
-  return (
-    <Turn
-      {...props}
-      progress="The zero of your device may have changed: this finds it again."
-      buttons={setup.step === "place" ? null : skip}
-    />
-  );
-}
-
-interface TurnProps extends CardProps {
-  progress: string;
-  buttons: ComponentChildren;
-}
-
-/** The turn of one lamp, which ends with a press. */
-function Turn({ progress, buttons, ...props }: TurnProps) {
-  const { session, setup } = props;
+  const isQuestion = setup.beside !== "";
   return (
     <CardFrame
       {...props}
       buttons={
         <>
-          {buttons}
-          <Button name="Press" kind="primary" onClick={() => void session.act({ act: "press" })} />
+          {setup.choices.map(({ id, label }) => (
+            <Button
+              name={label}
+              key={id}
+              kind={isQuestion ? "" : "quiet"}
+              onClick={() => void session.choose(id)}
+            />
+          ))}
+          <Button
+            name="Press"
+            kind="primary"
+            isOff={setup.is_waiting}
+            onClick={() => void session.act({ act: "press" })}
+          />
         </>
       }
     >
       <Status class="setup-turn" id={LEAD}>
-        {placingText(setup)}
+        {setup.next_step}
       </Status>
-      <p class="muted">{progress}</p>
       <p class="muted">{pressText(setup.hand)}</p>
+      <LampRows session={session} setup={setup} summary={repeatText(setup)} />
     </CardFrame>
   );
 }
 
+/** A step without pointing: the usual choice is the green button. */
 export function WalkCard(props: CardProps) {
-  const { session } = props;
+  const { session, setup } = props;
+  const [usual, ...others] = setup.choices;
   return (
     <CardFrame
       {...props}
       buttons={
         <>
-          <Button name="Take back" kind="quiet" onClick={() => void session.act({ act: "take_back" })} />
-          <Button name="I stay here" onClick={() => void session.act({ act: "stay" })} />
-          <Button name="I am there" kind="primary" onClick={() => void session.act({ act: "walk" })} />
+          {others.map(({ id, label }) => (
+            <Button name={label} key={id} kind="quiet" onClick={() => void session.choose(id)} />
+          ))}
+          {usual && (
+            <Button name={usual.label} kind="primary" onClick={() => void session.choose(usual.id)} />
+          )}
         </>
       }
     >
-      <p class="setup-turn" id={LEAD}>
-        {WALK}
+      <Status class="setup-turn" id={LEAD}>
+        {setup.next_step}
+      </Status>
+      <p class="muted">
+        From two places, pointing works in between, too. If you always sit in one chair, stay: pointing works
+        from that chair only.
       </p>
-      <p class="muted">{STAY}</p>
     </CardFrame>
   );
 }

@@ -1,0 +1,1 @@
+"""Simulated people who place the lamps of their homes, with what goes wrong."""

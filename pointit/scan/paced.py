@@ -2,8 +2,8 @@
 
 `paced_model` has the least squares. Presses can be wrong: the person meant another lamp, exchanged two,
 or has hardly walked. So the length of the walk is estimated under two priors, of a walk as it was
-asked for and of less than a step; a lamp without which the others fit much better is named; and so are two lamps whose presses
-from one place, exchanged, fit better (`exchanged_presses`) or as well.
+asked for and of less than a step. A lamp without which the others fit much better is named, and so are two
+lamps whose presses from one place, exchanged, fit better or as well (`exchanged_presses`).
 """
 
 import math

@@ -111,3 +111,8 @@ def rays_of(presses: Sequence[LampPress]) -> list[PacedRay]:
         )
         rays.append(ray)
     return rays
+
+
+def without_presses(presses: Sequence[LampPress], lamp: str, place: str) -> tuple[LampPress, ...]:
+    """Return `presses` without those at a lamp from a place."""
+    return tuple(press for press in presses if press.lamp != lamp or press.place != place)

@@ -5,8 +5,10 @@ from collections.abc import Iterable, Sequence
 from pointit.bridges.home_assistant.entities import HomeEntity
 from pointit.schemas import encode
 from pointit.schemas.base import MAX_ID
-from pointit.schemas.home import HomeLamp, HomeSetup
+from pointit.schemas.home import MAX_SENTENCE, HomeLamp, HomeSetup
+from pointit.schemas.text import one_line
 
+MAX_ADVICE = 20
 MAX_OFFERED = 4000
 """Maximum number of lamps that can be chosen from: `setup.json` has the ids of all of them."""
 REST_BYTES = 256 * 1024
@@ -37,3 +39,12 @@ def unlisted_note(count: int) -> str:
         f"{count} more lamps are not listed, as their ids are too long or there are too many: disable those "
         "that nobody points at in Home Assistant"
     )
+
+
+def limited_advice(advice: Sequence[str]) -> tuple[str, ...]:
+    """Return at most `MAX_ADVICE` sentences, each within its limit. The last one counts the rest."""
+    shown = list(advice)
+    if len(shown) > MAX_ADVICE:
+        left_out = len(shown) - MAX_ADVICE + 1
+        shown[MAX_ADVICE - 1 :] = [f"there are {left_out} more such sentences: deal with these first"]
+    return tuple(one_line(sentence, MAX_SENTENCE) for sentence in shown)

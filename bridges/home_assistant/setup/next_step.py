@@ -5,6 +5,7 @@ It is the only source of that sentence: the card shows it, and so do phone, pane
 
 from dataclasses import dataclass
 
+from pointit.bridges.home_assistant.setup.contradiction import label_of
 from pointit.bridges.home_assistant.setup.progress import SetupProgress
 from pointit.bridges.home_assistant.setup.stored_setup import StoredSetup
 from pointit.scan.paced_model import FIRST, SECOND
@@ -139,7 +140,7 @@ def _count(progress: SetupProgress) -> tuple[int, int]:
 
 
 def _name(progress: SetupProgress, lamp: str) -> str:
-    return one_line(progress.label_of(lamp), MAX_NAME)
+    return one_line(label_of(progress.state, lamp), MAX_NAME)
 
 
 def _target_name(progress: SetupProgress) -> str:

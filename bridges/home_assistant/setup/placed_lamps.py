@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 from pointit.bridges.home_assistant.setup.lamp_presses import target_key
-from pointit.bridges.home_assistant.setup.stored_setup import End, LampPress, PlacedLamp
+from pointit.bridges.home_assistant.setup.stored_setup import End, LampPress, PlacedLamp, StoredSetup
 from pointit.scan.paced_model import MIN_HEIGHT_M, USUAL_M, PacedRoom
 
 L = TypeVar("L", LampPress, PlacedLamp)
@@ -57,3 +57,14 @@ def placed_for_trial(targets: Sequence[tuple[str, End]]) -> tuple[PlacedLamp, ..
 def exchanged(lamp: L, other: Mapping[str, str]) -> L:
     """Return a press or a placed lamp with the name of the other lamp, if it has one."""
     return lamp.model_copy(update={"lamp": other.get(lamp.lamp, lamp.lamp)})
+
+
+def tried_lamp(state: StoredSetup) -> str:
+    """Return the placed lamp that is to be tried next, unsure ones first, or `""`."""
+    if state.step != "try":
+        return ""
+    done = {*state.met, *state.aside}
+    unsure = {placed.lamp: placed.is_unsure for placed in state.placed}
+    remaining = [lamp.id for lamp in state.lamps if lamp.id in unsure and lamp.id not in done]
+    remaining.sort(key=lambda lamp: not unsure[lamp])
+    return remaining[0] if remaining else ""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import PointingRay
 
@@ -20,6 +21,10 @@ MAX_RAYS = 100
 
 class NoMovementError(RefusedError):
     """No movement of the person arrives. It is over with the next ray."""
+
+
+class WaitingError(RefusedError):
+    """The home does not answer, so that a press has to wait."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,16 @@ class PressDirection:
     elevation_rad: float
     eyes_m: float
     spread_rad: float
+
+    @property
+    def mean(self) -> Vec3:
+        """Return the unit vector."""
+        level = math.cos(self.elevation_rad)
+        return (
+            level * math.cos(self.azimuth_rad),
+            level * math.sin(self.azimuth_rad),
+            math.sin(self.elevation_rad),
+        )
 
 
 class PressRays:

@@ -11,18 +11,26 @@ device's yaw may change meanwhile, as after a restart. Then a lamp that was poin
 import math
 from collections.abc import Collection, Sequence
 
+from pointit.bridges.home_assistant.setup.contradiction import (
+    contradiction,
+    repeated_contradiction,
+)
 from pointit.bridges.home_assistant.setup.lamp_presses import (
     MIN_AGAIN,
-    angle_between,
     exactest_press,
     lamp_beside,
-    presses_at,
     rays_of,
     target_apart,
     target_key,
     targets_again,
+    without_presses,
 )
-from pointit.bridges.home_assistant.setup.placed_lamps import exchanged, placed_for_trial, placed_in
+from pointit.bridges.home_assistant.setup.placed_lamps import (
+    exchanged,
+    placed_for_trial,
+    placed_in,
+    tried_lamp,
+)
 from pointit.bridges.home_assistant.setup.stored_setup import (
     AddressTrial,
     ChosenLamp,
@@ -35,7 +43,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.scan.paced import MIN_WALK_M, locate_paced
-from pointit.scan.paced_model import FIRST, SECOND, PacedRoom, PacedTarget
+from pointit.scan.paced_model import FIRST, SECOND, PacedRoom
 from pointit.schemas.home import HomeHand, HomePlace, HomeStep
 
 MAX_LAMPS = 64
@@ -44,8 +52,6 @@ AGAIN = "your arm came from far away, and a short way is more exact"
 APART = "your presses at it lie far apart: point at it once more"
 AWAY_RAD = math.radians(12.0)
 """Angle from a press from which the arm points elsewhere."""
-SAME_RAD = math.radians(8.0)
-"""The same for a lamp that was asked for once more, one short way after another."""
 
 
 class SetupProgress:
@@ -244,12 +250,10 @@ class SetupProgress:
 
     def on_arm(self, direction: Vec3) -> None:
         """Note the direction of the arm, {H}."""
-        pending = self._pending
-        if pending is None or self._has_left:
-            return
-        azimuth_rad = pending.azimuth_rad - self.state.turn_rad
-        asked_at = pending.model_copy(update={"azimuth_rad": azimuth_rad}).direction
-        self._has_left = vector.angle_between(asked_at, direction) > AWAY_RAD
+        if self._pending is not None:
+            azimuth_rad = self._pending.azimuth_rad - self.state.turn_rad
+            asked_at = self._pending.model_copy(update={"azimuth_rad": azimuth_rad}).direction
+            self._has_left |= vector.angle_between(asked_at, direction) > AWAY_RAD
 
     def press(self, azimuth_rad: float, elevation_rad: float, eyes_m: float, spread_rad: float = 0.0) -> None:
         """Note that the person points at the target.
@@ -304,11 +308,7 @@ class SetupProgress:
         pending = self._pending
         if pending is None:
             raise RefusedError("there is nothing to correct now")
-        remaining: list[LampPress] = []
-        for press in self.state.presses:
-            if press.lamp != self.beside or press.place != pending.place:
-                remaining.append(press)
-        self._change(presses=tuple(remaining))
+        self._change(presses=without_presses(self.state.presses, self.beside, pending.place))
         self._count(pending)
 
     def _count(self, press: LampPress) -> None:
@@ -351,16 +351,12 @@ class SetupProgress:
         if place not in (FIRST, SECOND) or (place == SECOND and not has_walked):
             raise RefusedError("nobody has pointed from the second place yet")
         self._forget_pending()
-        remaining: list[LampPress] = []
-        for press in state.presses:
-            if press.lamp != lamp or press.place != place:
-                remaining.append(press)
         self.reasons.pop(lamp, None)
         self._arm_rad = None
         self._change(
             step="place",
             place=place,
-            presses=tuple(remaining),
+            presses=without_presses(state.presses, lamp, place),
             repeated=tuple(target for target in state.repeated if target[0] != lamp),
             dropped=tuple(press for press in state.dropped if press.lamp != lamp),
             left_out={name: reason for name, reason in state.left_out.items() if name != lamp},
@@ -456,9 +452,9 @@ class SetupProgress:
         left_out: dict[str, str] = {}
         for lamp, end in self.targets:
             target = room.targets[target_key(lamp, end)]
-            reason = self._contradiction(target)
+            reason = contradiction(self.state, target)
             if reason and (lamp, end) in self.state.repeated:
-                left_out[lamp] = self._repeated_contradiction(lamp, end, reason)
+                left_out[lamp] = repeated_contradiction(self.state, (lamp, end), reason)
             elif reason:
                 asked_again.append((lamp, end))
                 self.reasons[lamp] = reason
@@ -484,34 +480,10 @@ class SetupProgress:
             return
         self._on_located(room)
 
-    def _contradiction(self, target: PacedTarget) -> str:
-        """Return the reason for which a lamp contradicts the others, naming the other one, or `""`."""
-        if not target.reason or not target.other:
-            return target.reason
-        return f"its presses and those at {self.label_of(target.other.partition('|')[0])} look exchanged"
-
-    def _repeated_contradiction(self, lamp: str, end: End, reason: str) -> str:
-        """Return the reason of a repeated contradiction: after the same press, the other place is wrong."""
-        place = self.state.place
-        presses = presses_at(self.state.presses, (lamp, end), place)
-        for previous in self.state.dropped:
-            is_same = previous.target == (lamp, end) and previous.place == place
-            if is_same and presses and angle_between(previous, presses[-1]) < SAME_RAD:
-                other = "first" if place == SECOND else "second"
-                return f"you pointed at the same twice from here: repeat it from the {other} place"
-        return reason
-
     @property
     def tried_lamp(self) -> str:
         """Return the placed lamp that is to be tried next, unsure ones first, or `""`."""
-        state = self.state
-        if state.step != "try":
-            return ""
-        done = {*state.met, *state.aside}
-        unsure = {placed.lamp: placed.is_unsure for placed in state.placed}
-        remaining = [lamp.id for lamp in state.lamps if lamp.id in unsure and lamp.id not in done]
-        remaining.sort(key=lambda lamp: not unsure[lamp])
-        return remaining[0] if remaining else ""
+        return tried_lamp(self.state)
 
     def meet(self, lamp: str = "") -> None:
         """Note that a lamp has reacted when it was meant; `""`: the one that is tried."""
@@ -549,13 +521,6 @@ class SetupProgress:
         if not reason and self.is_again and self.target is not None and self.target[0] == lamp:
             return AGAIN
         return reason
-
-    def label_of(self, lamp: str) -> str:
-        """Return the name of a chosen lamp as people know it."""
-        for chosen in self.state.lamps:
-            if chosen.id == lamp and chosen.label:
-                return chosen.label
-        return lamp
 
     def _on_located(self, room: PacedRoom) -> None:
         placed = placed_in(room, self.targets)

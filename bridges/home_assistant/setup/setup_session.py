@@ -13,20 +13,22 @@ from typing import Any
 
 from pointit.bridges.home_assistant.entities import HomeEntity, entities_of
 from pointit.bridges.home_assistant.home_connection import HomeConnection, NoHomeAssistantError
+from pointit.bridges.home_assistant.setup.contradiction import label_of
 from pointit.bridges.home_assistant.setup.home_address import HomeAddress
 from pointit.bridges.home_assistant.setup.home_files import HomeFiles, advice_on, lights_of
 from pointit.bridges.home_assistant.setup.home_kind import kind_of
 from pointit.bridges.home_assistant.setup.listed_lamps import (
     fitting_lamps,
+    limited_advice,
     listable_entities,
     unlisted_note,
 )
 from pointit.bridges.home_assistant.setup.lit_lights import LitLights, LitLightsFile
 from pointit.bridges.home_assistant.setup.next_step import MAX_TEXT, NextStep, next_step, places_to_repeat
-from pointit.bridges.home_assistant.setup.press_rays import NoMovementError, PressRays
+from pointit.bridges.home_assistant.setup.press_rays import NoMovementError, PressRays, WaitingError
 from pointit.bridges.home_assistant.setup.progress import AWAY_RAD, SetupProgress
 from pointit.bridges.home_assistant.setup.shown_lamps import shown_lamps
-from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp, End
+from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp, End, is_of_map
 from pointit.bridges.home_assistant.setup.turn_light import TurnLight
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -37,7 +39,7 @@ from pointit.runtime.host.state_file import StateFile, site_folder
 from pointit.runtime.service.person_messages import PersonMessages
 from pointit.schemas import ButtonEvent, HomeLamp, HomeSetup, ImuSample, PointingRay, SetUpHome
 from pointit.schemas.base import MAX_ID
-from pointit.schemas.home import LAMP, MAX_SENTENCE, STRIP
+from pointit.schemas.home import MAX_SENTENCE
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import BUTTON, IMU, RAY
 
@@ -52,11 +54,6 @@ MIN_PAUSE_S = 0.4
 """Time between two presses that count, s."""
 ENTITIES_PERIOD_S = 5.0
 """Interval at which the list of all entities is read again while a card shows it, s."""
-MAX_ADVICE = 20
-
-
-class WaitingError(RefusedError):
-    """The home does not answer, so that an act has to wait."""
 
 
 class SetupSession:
@@ -143,7 +140,7 @@ class SetupSession:
         state = self.progress.state
         if not self.address.url or self._is_connected or state.step not in ("place", "try"):
             return False
-        return not all(_is_of_map(lamp.id) for lamp in state.lamps)
+        return not all(is_of_map(lamp.id) for lamp in state.lamps)
 
     @property
     def _next_step(self) -> NextStep | None:
@@ -248,7 +245,7 @@ class SetupSession:
         elif query.choice == "other":
             self._correct_tried()
         elif query.choice == "repeat":
-            progress.repeat(_only_lamp(query), query.place)
+            progress.repeat(query.lamps[0] if query.lamps else "", query.place)
 
     def _set_address(self, query: SetUpHome) -> None:
         if query.act == "connect":
@@ -274,7 +271,7 @@ class SetupSession:
         reacted = self._reacted if self._reacted in {lamp.lamp for lamp in progress.state.placed} else ""
         progress.correct(reacted)
         if reacted and reacted != tried:
-            names = f"{progress.label_of(tried)} and {progress.label_of(reacted)}"
+            names = f"{label_of(progress.state, tried)} and {label_of(progress.state, reacted)}"
             self._messages.tell(progress.state.user, one_line(f"{names} are exchanged.", MAX_TEXT))
 
     def on_act(self, user: str, entity: str) -> None:
@@ -357,7 +354,7 @@ class SetupSession:
         if state.step == "connect":
             return connection_problem
         # Before a lamp is chosen, the card waits for those of the home
-        is_map_enough = bool(state.lamps) and all(_is_of_map(lamp.id) for lamp in state.lamps)
+        is_map_enough = bool(state.lamps) and all(is_of_map(lamp.id) for lamp in state.lamps)
         return "" if is_map_enough else connection_problem
 
     async def _make_reply(self, connection_problem: str) -> HomeSetup:
@@ -382,16 +379,11 @@ class SetupSession:
             advice.insert(0, unlisted_note(unlisted_count))
 
         # From here on nothing waits: place, poses and pose are those of one moment.
-        name = ""
-        end: End = ""
-        is_aligning = False
-        is_lit = False
-        goes_off = False
-        if target is not None:
-            name, end = target
-            is_aligning = progress.is_aligning
-            is_lit = self._is_lit(name)
-            goes_off = self._lit.was_unknown(name)
+        no_target: tuple[str, End] = ("", "")
+        name, end = target or no_target
+        is_aligning = bool(name) and progress.is_aligning
+        is_lit = bool(name) and self._is_lit(name)
+        goes_off = bool(name) and self._lit.was_unknown(name)
 
         # While lamps are placed, the page shows the draft: the map without its things.
         is_placing = state.step == "place"
@@ -404,10 +396,6 @@ class SetupSession:
         pose_yaw_rad = 0.0
         if progress.pose is not None:
             pose_m, pose_yaw_rad = progress.pose
-        if len(advice) > MAX_ADVICE:
-            left_out = len(advice) - MAX_ADVICE + 1
-            advice[MAX_ADVICE - 1 :] = [f"there are {left_out} more such sentences: deal with these first"]
-        shown_advice = tuple(one_line(sentence, MAX_SENTENCE) for sentence in advice)
         return HomeSetup(
             step=state.step,
             url=self.address.url,
@@ -430,7 +418,7 @@ class SetupSession:
             poses=progress.poses,
             pose_m=pose_m,
             pose_yaw_rad=pose_yaw_rad,
-            advice=shown_advice,
+            advice=limited_advice(advice),
             next_step="" if step is None else step.text,
             choices=() if step is None else step.choices,
             tried=progress.tried_lamp,
@@ -473,12 +461,7 @@ class SetupSession:
         self.progress.press(
             direction.azimuth_rad, direction.elevation_rad, direction.eyes_m, direction.spread_rad
         )
-        level = math.cos(direction.elevation_rad)
-        self._press_direction = (
-            level * math.cos(direction.azimuth_rad),
-            level * math.sin(direction.azimuth_rad),
-            math.sin(direction.elevation_rad),
-        )
+        self._press_direction = direction.mean
 
     def refusal(self, user: str) -> str:
         """Return the reason for which an act of `user` is not carried out now, or `""`.
@@ -588,7 +571,7 @@ class SetupSession:
 
     def _is_lit(self, lamp: str) -> bool:
         """Return True if a lamp shows its turn by its light: not while its home does not answer."""
-        if _is_of_map(lamp):
+        if is_of_map(lamp):
             return True
         if not self._is_connected:
             return False
@@ -600,12 +583,12 @@ class SetupSession:
         name, until_s = self._shown
         now_s = self._loop.time()
         if now_s < until_s:
-            return ("" if _is_of_map(name) else name), False
+            return ("" if is_of_map(name) else name), False
         target = self.progress.target
         if target is None or now_s - self._answered_s > ANSWERED_S:
             return "", True
         lamp, _ = target
-        return ("" if _is_of_map(lamp) else lamp), True
+        return ("" if is_of_map(lamp) else lamp), True
 
 
 def _only_lamp(query: SetUpHome) -> str:
@@ -613,7 +596,3 @@ def _only_lamp(query: SetUpHome) -> str:
     if not query.lamps:
         raise RefusedError("say which lamp")
     return query.lamps[0]
-
-
-def _is_of_map(lamp: str) -> bool:
-    return lamp.startswith((STRIP, LAMP))

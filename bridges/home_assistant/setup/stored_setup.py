@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict
 
 from pointit.geometry.vector import Vec3
 from pointit.scan.paced_model import FIRST
-from pointit.schemas.home import STRIP, HomeHand, HomeKind, HomeStep
+from pointit.schemas.home import LAMP, STRIP, HomeHand, HomeKind, HomeStep
 
 End = Literal["", "first", "last"]
 
@@ -131,3 +131,8 @@ class StoredSetup(_Stored):
     """Placed lamps that the person does not try."""
     places_m: tuple[tuple[float, float], ...] = ()
     drift_rad: float = 0.0
+
+
+def is_of_map(lamp: str) -> bool:
+    """Return True if a lamp is a light of the map, and no entity of a home."""
+    return lamp.startswith((STRIP, LAMP))

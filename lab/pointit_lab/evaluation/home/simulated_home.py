@@ -2,8 +2,8 @@
 
 Each seed is a room of lamps and a person of `user-sim`: their own bias, and an error for every reach. They do
 what the cards say, by the rules of the session, and one thing goes wrong. The right direction to a lamp is
-that in which this person points at it: their mean error is in the map and in their pointing alike. It is compared
-with the map's from both places and from the middle of the walk, with the yaw that their device has there.
+that in which this person points at it: their mean error is in the map and in their pointing alike. It is
+compared with the map's from both places and from the middle of the walk, with the yaw of their device there.
 """
 
 import math

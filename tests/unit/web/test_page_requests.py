@@ -67,7 +67,7 @@ def deeds(role: Role) -> tuple[str, ...]:
     return hello_of(role, version="1", site="lab").deeds
 
 
-WRIST_DEEDS = ("press", "step", "take", "give", "centre", "report_voice", "speak")
+WRIST_DEEDS = ("press", "step", "take", "give", "centre", "report_voice", "speak", "choose_act")
 
 
 def test_all_roles_that_see_a_robot_may_stop_it() -> None:

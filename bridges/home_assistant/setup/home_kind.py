@@ -1,9 +1,12 @@
 """What an entity of a home is: a lamp of some kind, another thing, or one with which harm can be done."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from pointit.bridges.home_assistant.entities import HomeEntity
 from pointit.schemas.home import HomeKind
+
+if TYPE_CHECKING:
+    from pointit.bridges.home_assistant.entities import HomeEntity
 
 KINDS: Mapping[str, HomeKind] = {
     "light": "lamp",
@@ -34,7 +37,7 @@ WORDS: tuple[tuple[HomeKind, tuple[str, ...]], ...] = (
 """Kinds of lights by words of their icon or name."""
 
 
-def kind_of(entity: HomeEntity) -> HomeKind:
+def kind_of(entity: "HomeEntity") -> HomeKind:
     """Return what an entity is: by its domain, its device class, its icon, and its name."""
     domain, _, name = entity.entity.partition(".")
     kind = KINDS.get(domain, "other")

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pointit.bridges.home_assistant.entities import HomeEntity
 from pointit.bridges.home_assistant.setup.home_files import sigmas_of
 from pointit.bridges.home_assistant.setup.progress import SetupProgress
 from pointit.bridges.home_assistant.setup.stored_setup import ChosenLamp
@@ -14,6 +13,9 @@ from pointit.schemas.base import MAX_ID
 from pointit.schemas.home import HomeQuality
 from pointit.schemas.text import one_line
 
+if TYPE_CHECKING:
+    from pointit.bridges.home_assistant.entities import HomeEntity
+
 GOOD_SIGMA_RAD = math.radians(4.5)
 """Standard deviation of the angle to a lamp, up to which its direction is good."""
 
@@ -21,7 +23,7 @@ GOOD_SIGMA_RAD = math.radians(4.5)
 def shown_lamps(
     progress: SetupProgress,
     listed: Sequence[ChosenLamp],
-    entities: Sequence[HomeEntity],
+    entities: "Sequence[HomeEntity]",
     state_of: Callable[[str], Mapping[str, Any]],
 ) -> tuple[HomeLamp, ...]:
     """Return lamps as the present card shows them.

@@ -4,13 +4,15 @@ import asyncio
 import contextlib
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pointit.bridges.home_assistant.home_connection import HomeConnection
 from pointit.bridges.home_assistant.hover_feedback import UNKNOWN
 from pointit.bridges.home_assistant.setup.lit_lights import NO_STATE, LitLights
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, RefusedError
+
+if TYPE_CHECKING:
+    from pointit.bridges.home_assistant.home_connection import HomeConnection
 
 BLINK_S = 1.0
 """Time for which a lamp that is on is brighter, and then is not, s."""
@@ -67,7 +69,7 @@ class TurnLight:
         is_brighter = int(self._loop.time() / BLINK_S) % 2 == 0
         return {lamp} if is_brighter else set()
 
-    async def update(self, connection: HomeConnection) -> None:
+    async def update(self, connection: "HomeConnection") -> None:
         """Light the lamp whose turn it is, and end the light of those whose turn is over."""
         now_s = self._loop.time()
         previous = self.lamp
@@ -93,7 +95,7 @@ class TurnLight:
         except ConfigError as error:
             self._bus.warn("setup", f"lamps are not lit: {error}")
 
-    async def _end_light(self, connection: HomeConnection, entity: str) -> None:
+    async def _end_light(self, connection: "HomeConnection", entity: str) -> None:
         """Switch a lamp off again whose turn is over."""
         if entity == self.lamp:
             self._ended_s.pop(entity, None)

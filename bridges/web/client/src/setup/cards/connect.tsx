@@ -56,6 +56,7 @@ export function ConnectCard(props: CardProps) {
     // What was typed stays in its field until it is accepted: then the card goes on
     const address = addressOf(url, kind);
     await session.act({ act: "connect", url: address, ...(secret ? { token: secret } : {}) });
+    tokenField.current?.select(); // another one that is typed replaces it
   }
 
   return (

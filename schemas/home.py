@@ -65,16 +65,6 @@ class SetUpHome(Query):
             "over; go: to the card `step`"
         ),
     ] = "read"
-    choice: Annotated[
-        HomeChoice,
-        Field(
-            description="with the act read: walk to finish as the acts; beside: the newest press counts, its "
-            "lamp is right beside the one that was pressed there; mistaken: it counts, that one comes again; "
-            "met: the lamp that is tried reacted; other: another one did, so that both are exchanged, or the "
-            "tried one is pointed at again; repeat: `lamps[0]` is pointed at once more from `place`; "
-            "exchange: `lamps` are two whose places are exchanged"
-        ),
-    ] = ""
     url: Annotated[
         str,
         Field(
@@ -92,6 +82,16 @@ class SetUpHome(Query):
         Field(
             description="name, without its suffix, of the file in the folder of the home with the token or "
             "password for `url`; it is stored once it was accepted. Empty: the stored one is for it",
+        ),
+    ] = ""
+    choice: Annotated[
+        HomeChoice,
+        Field(
+            description="with the act read: walk to finish as the acts; beside: the newest press counts, its "
+            "lamp is right beside the one that was pressed there; mistaken: it counts, that one comes again; "
+            "met: the lamp that is tried reacted; other: another one did, so that both are exchanged, or the "
+            "tried one is pointed at again; repeat: `lamps[0]` is pointed at once more from `place`; "
+            "exchange: `lamps` are two whose places are exchanged"
         ),
     ] = ""
 

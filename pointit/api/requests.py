@@ -22,8 +22,9 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.base import Rgb
-from pointit.schemas.home import HomeAct, HomeHand, HomePlace, HomeStep
+from pointit.schemas.home import HomeAct, HomeChoice, HomeHand, HomePlace, HomeStep
 from pointit.schemas.person import Deictic
+from pointit.schemas.pointing import StepChoice
 from pointit.schemas.topics import Request
 
 D = TypeVar("D")
@@ -312,14 +313,25 @@ class FeedbackRequests(_Requests[D]):
     """Requests for feedback to a person."""
 
     def say(
-        self, user: str, text: str, *, stays: bool = False, service: str = "", is_over: bool = False
+        self,
+        user: str,
+        text: str,
+        *,
+        stays: bool = False,
+        service: str = "",
+        is_over: bool = False,
+        guides: bool = False,
+        choices: Sequence[StepChoice] = (),
     ) -> D:
         """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime.
 
         With `stays` there is no chime: it is their next step while they point, until another one, or until
-        the same text with `is_over`; with the instance name of a `service`, also until that ends.
+        the same text with `is_over`; with the instance name of a `service`, also until that ends. With
+        `guides` besides, it is their next step also while they rest, before that of any other service, and
+        `choices` are shown with it.
         """
-        return self._do(topics.SAY, user, text=text, stays=stays, service=service, is_over=is_over)
+        fields = {"stays": stays, "service": service, "is_over": is_over, "guides": guides}
+        return self._do(topics.SAY, user, text=text, choices=choices, **fields)
 
 
 class HomeRequests(_Requests[D], Generic[D, R]):
@@ -335,10 +347,11 @@ class HomeRequests(_Requests[D], Generic[D, R]):
         place: HomePlace = "",
         step: HomeStep | None = None,
         secret: str = "",
+        choice: HomeChoice = "",
     ) -> R:
         """Do one act at the cards of `pointit home`, and return what they show. For operators only."""
         fields = {"url": url, "lamps": lamps, "hand": hand, "user": user, "place": place, "step": step}
-        reply: R = self._ask(topics.SET_UP_HOME, act=act, secret=secret, **fields)
+        reply: R = self._ask(topics.SET_UP_HOME, act=act, secret=secret, choice=choice, **fields)
         return reply
 
 

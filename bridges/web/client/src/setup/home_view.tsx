@@ -35,7 +35,7 @@ export function HomeView(props: HomeViewProps) {
         </h2>
         <Button name="Advanced" kind="quiet" icon="sliders" onClick={props.showAdvanced} />
       </header>
-      <section class="home-pointing" aria-label="Who points">
+      <section class="home-pointing" aria-label="How to point">
         <Icon name="point" />
         <div>
           <strong>{pointing.title}</strong>

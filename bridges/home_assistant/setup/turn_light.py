@@ -1,4 +1,7 @@
-"""The light of the lamp whose turn it is, or of one that shows which one it is."""
+"""The light of the lamp whose turn it is, or of one that shows which one it is.
+
+No core: it switches lamps, and waits for them.
+"""
 
 import asyncio
 import contextlib
